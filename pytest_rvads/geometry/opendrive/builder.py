@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 
 from pytest_rvads.geometry.network import DeclaredJunction, Doubt, Edge, Network, facing
@@ -22,7 +22,7 @@ from pytest_rvads.geometry.opendrive.lanes import sample_count
 from pytest_rvads.geometry.opendrive.links import complete, link_roads, link_table, mend_joints, turn_links
 from pytest_rvads.geometry.opendrive.painted import painted
 from pytest_rvads.geometry.opendrive.reader import read
-from pytest_rvads.geometry.opendrive.records import Document, JunctionRecord, Road
+from pytest_rvads.geometry.opendrive.records import Document, JunctionRecord
 from pytest_rvads.geometry.opendrive.signals import attach
 from pytest_rvads.support.errors import MapError
 
@@ -120,7 +120,15 @@ def _lane_sides(draft: Draft) -> dict[str, bool]:
             how = "left as on the others" if assumed else "right, or as the roads they connect"
             draft.warn(Doubt.SIDE, f"{len(silent)} roads, {silent[0]!r} first, do not say on which side traffic keeps; {how}")
     elif silent:
-        votes = list(_table_votes(document))
+        # Per row of a connection table, whether the row requires traffic on the left. Rows about connecting roads with lanes in
+        # both directions give no vote: some writers list such a road once per end.
+        votes = []
+        for junction, row in document.rows():
+            sections = document.roads[row.connecting].sections
+            lane_sides = {lane.id > 0 for part in sections for lane in part.lanes.values() if lane.drivable}
+            end = document.touching(junction.id, row)
+            if len(lane_sides) == 1 and end is not None and row.links and junction.type != "direct":
+                votes.append((row.links[0][0] < 0) != (end == "end"))
         assumed = len(votes) >= _FEWEST and all(votes)
         if assumed:
             message = (
@@ -133,27 +141,26 @@ def _lane_sides(draft: Draft) -> dict[str, bool]:
     return sides
 
 
-def _table_votes(document: Document) -> Iterator[bool]:
-    """Yield, per row of a connection table, whether the row requires traffic on the left.
-
-    Rows about connecting roads with lanes in both directions give no vote: some writers list such a road once per end.
-    """
-    for junction, row in document.rows():
-        sections = document.roads[row.connecting].sections
-        sides = {lane.id > 0 for part in sections for lane in part.lanes.values() if lane.drivable}
-        end = document.touching(junction.id, row)
-        if len(sides) == 1 and end is not None and row.links and junction.type != "direct":
-            yield (row.links[0][0] < 0) != (end == "end")
-
-
 def _turn_connecting_roads(draft: Draft, sides: dict[str, bool]) -> None:
     """Change, in `sides`, the side of connecting roads whose lanes all run against the lanes of the roads they connect."""
     turned: dict[str, list[str]] = {}
     for road in draft.document.roads.values():
         if road.junction is None:
             continue
-        links = list(_passable_links(draft.document, road, sides))
-        if links and not any(links):
+        # Per lane link, whether traffic arrives on one of the two lanes and departs on the other.
+        passable = []
+        for contact, link in road.contacts:
+            neighbour = None if link is None or link.junction else draft.document.roads.get(link.element)
+            if link is None or neighbour is None or link.contact not in ("start", "end"):
+                continue
+            targets = neighbour.lanes_at(link.contact)
+            for lane in road.lanes_at(contact).values():
+                for target in lane.onward(contact):
+                    if lane.drivable and target in targets and targets[target].drivable:
+                        forward = lane.forward(left_hand=sides[road.id])
+                        onward = targets[target].forward(left_hand=sides[neighbour.id])
+                        passable.append((forward == (contact == "end")) != (onward == (link.contact == "end")))
+        if passable and not any(passable):
             turned.setdefault(road.junction, []).append(road.id)
     for junction, ids in turned.items():
         for id in ids:
@@ -166,21 +173,6 @@ def _turn_connecting_roads(draft: Draft, sides: dict[str, bool]) -> None:
         draft.warn(Doubt.SIDE, message, None, junction)
 
 
-def _passable_links(document: Document, road: Road, sides: Mapping[str, bool]) -> Iterator[bool]:
-    """Yield per lane link of a connecting road whether traffic arrives on one of the two lanes and departs on the other."""
-    for contact, link in road.contacts:
-        neighbour = None if link is None or link.junction else document.roads.get(link.element)
-        if link is None or neighbour is None or link.contact not in ("start", "end"):
-            continue
-        targets = neighbour.lanes_at(link.contact)
-        for lane in road.lanes_at(contact).values():
-            for target in lane.onward(contact):
-                if lane.drivable and target in targets and targets[target].drivable:
-                    forward = lane.forward(left_hand=sides[road.id])
-                    onward = targets[target].forward(left_hand=sides[neighbour.id])
-                    yield (forward == (contact == "end")) != (onward == (link.contact == "end"))
-
-
 def _kept_sides(draft: Draft, leftward: Mapping[str, bool]) -> dict[str, bool]:
     """Return per road whether traffic keeps left.
 
@@ -189,19 +181,6 @@ def _kept_sides(draft: Draft, leftward: Mapping[str, bool]) -> dict[str, bool]:
     """
     if any(road.rule for road in draft.document.roads.values()) or any(leftward.values()):
         return dict(leftward)
-    votes = list(_pair_votes(draft))
-    if len(votes) < _FEWEST or not all(votes):
-        return dict(leftward)
-    message = (
-        f"no road says on which side traffic keeps, and all {len(votes)} pairs of one-way roads at junctions "
-        "have the way out on the right of the way in; left was taken"
-    )
-    draft.warn(Doubt.SIDE, message)
-    return dict.fromkeys(leftward, True)
-
-
-def _pair_votes(draft: Draft) -> Iterator[bool]:
-    """Yield, per one-way road into a junction, whether the nearest opposite one-way road lies on the right."""
     entering: dict[str, dict[str, Edge]] = {}
     leaving: dict[str, dict[str, Edge]] = {}
     for edge in draft.edges.values():
@@ -211,6 +190,8 @@ def _pair_votes(draft: Draft) -> Iterator[bool]:
             for beside in map(draft.edges.__getitem__, ids):
                 if beside.junction is None:
                     table.setdefault(edge.junction, {})[beside.road] = beside
+    # Per one-way road into a junction, whether the nearest opposite one-way road lies on the right.
+    votes = []
     for junction, inward in entering.items():
         outward = leaving.get(junction, {})
         ways_out = [edge for road, edge in outward.items() if road not in inward]
@@ -219,4 +200,12 @@ def _pair_votes(draft: Draft) -> Iterator[bool]:
             opposite = [(gap, left) for gap, angle, left in placed if gap <= _BESIDE and angle <= _BACK]
             if opposite:
                 _, left = min(opposite, key=lambda row: row[0])
-                yield not left
+                votes.append(not left)
+    if len(votes) < _FEWEST or not all(votes):
+        return dict(leftward)
+    message = (
+        f"no road says on which side traffic keeps, and all {len(votes)} pairs of one-way roads at junctions "
+        "have the way out on the right of the way in; left was taken"
+    )
+    draft.warn(Doubt.SIDE, message)
+    return dict.fromkeys(leftward, True)

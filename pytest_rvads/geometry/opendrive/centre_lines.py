@@ -62,14 +62,8 @@ def unfolded(line: Array) -> tuple[Array, float]:
 def continued(line: Array, point: Array, heading: float) -> tuple[Array, float, float] | None:
     """Return a line changed so that it continues another line, the length cut off [m] and the lateral step [m].
 
-    Args:
-        line: a line that begins at most `GAP_LIMIT` from the end of the other line, shape ``(k, 3)`` [m].
-        point: end of the other line, shape ``(2,)`` [m].
-        heading: heading at the end of the other line [rad].
-
-    Returns:
-        The line without its part behind the end of the other line, with a taper if the line begins to the side of this end.
-        None if the whole line lies behind this end.
+    The line begins at most `GAP_LIMIT` from the end of the other line. Its part behind this end is cut, and a taper is added if
+    it begins to the side of this end. The result is None if the whole line lies behind this end.
     """
     forward = np.array([math.cos(heading), math.sin(heading)])
     ahead, along, cut = (line[:, :2] - point) @ forward, _along(line), 0.0

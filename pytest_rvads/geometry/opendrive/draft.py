@@ -98,7 +98,12 @@ def add_edges(draft: Draft, road: Road, *, left_hand: bool) -> None:
     _drop_spikes(draft, road, lines, links)
     nodes = [(i, lane) for i, table in enumerate(lines) for lane in table]
     owner: dict[_Node, str] = {}
-    for chain in _chains(nodes, links, {link for link in links if _jump(lines, *link) > GAP_LIMIT + _MERGE}):
+    broken = set()
+    for source_node, target_node in links:
+        (i, a), (k, b) = sorted((source_node, target_node))
+        if math.dist(lines[i][a].points[-1], lines[k][b].points[0]) > GAP_LIMIT + _MERGE:
+            broken.add((source_node, target_node))
+    for chain in _chains(nodes, links, broken):
         i, lane = chain[0]
         forward = road.sections[i].lanes[lane].forward(left_hand=left_hand)
         edge = _edge(draft, road, chain, [lines[i][lane] for i, lane in chain], forward)
@@ -153,12 +158,6 @@ def _drop_spikes(draft: Draft, road: Road, lines: list[dict[int, LaneLine]], lin
             draft.warn(Doubt.GAP, message, road.id, road.junction)
 
 
-def _jump(lines: list[dict[int, LaneLine]], source: _Node, target: _Node) -> float:
-    """Return the gap between a lane and the lane that it leads to in the next lane section [m]."""
-    (i, a), (k, b) = sorted((source, target))
-    return math.dist(lines[i][a].points[-1], lines[k][b].points[0])
-
-
 def _chains(
     nodes: Sequence[_Node], links: Sequence[tuple[_Node, _Node]], broken: Container[tuple[_Node, _Node]]
 ) -> Iterator[list[_Node]]:
@@ -209,31 +208,22 @@ def _edge(draft: Draft, road: Road, chain: list[_Node], lines: list[LaneLine], f
 
 
 def limits_along(road: Road, chain: Iterable[tuple[int, int]], stations: NDArray[np.float64], s: NDArray[np.float64]) -> Limits:
-    """Return the speed limits along an edge.
+    """Return the speed limits along an edge; `stations` are its arc lengths [m] at the road stations `s`, which rise or fall [m].
 
-    Args:
-        stations: arc length along the edge at points of it, shape ``(k,)`` [m].
-        s: road station at these points, shape ``(k,)`` [m]; the stations rise or fall along the edge.
+    Where the lane and the road have a limit, the limit of the lane applies.
     """
-    parts = [part for i, lane in chain for part in _in_section(road, i, lane)]
+    parts = []
+    for i, lane in chain:
+        first, last = [*(section.s for section in road.sections), road.length][i : i + 2]
+        lane_limits = tuple((first + at, limit) for at, limit in road.sections[i].lanes[lane].limits)
+        cuts = sorted({first, *(at for at, _ in (*road.limits, *lane_limits) if first < at < last)})
+        parts += [(a, b, _limit_at(lane_limits, a) or _limit_at(road.limits, a)) for a, b in pairwise((*cuts, last))]
     sign = 1.0 if s[-1] >= s[0] else -1.0
     rows = sorted(((min(sign * start, sign * end), limit) for start, end, limit in parts), key=itemgetter(0))
     borders = np.interp([start for start, _ in rows], sign * s, stations).tolist()
     limits = [limit for _, limit in rows]
     changes = ((at, limit) for at, limit, before in zip(borders, limits, [0.0, *limits], strict=False) if limit != before)
     return tuple(changes) if any(limits) else ()
-
-
-def _in_section(road: Road, i: int, lane: int) -> Iterator[tuple[float, float, float | None]]:
-    """Yield the start and end of every speed limit of a lane within a section [m], and the limit [m/s].
-
-    Where the lane and the road have a limit, the limit of the lane is yielded.
-    """
-    start, end = [*(section.s for section in road.sections), road.length][i : i + 2]
-    lane_limits = tuple((start + at, limit) for at, limit in road.sections[i].lanes[lane].limits)
-    cuts = sorted({start, *(at for at, _ in (*road.limits, *lane_limits) if start < at < end)})
-    for a, b in pairwise((*cuts, end)):
-        yield a, b, _limit_at(lane_limits, a) or _limit_at(road.limits, a)
 
 
 def _limit_at(limits: Limits, s: float) -> float | None:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.geometry.network import Doubt, MapWarning
-from pytest_rvads.geometry.opendrive.records import MOST_CELLS, STEP, Cubic, Lane, Line, Road, Section, Shape, evaluate
+from pytest_rvads.geometry.opendrive.records import MOST_CELLS, STEP, Cubic, Line, Road, Section, Shape, evaluate
 from pytest_rvads.support.errors import MapError
 
 Array = NDArray[np.float64]
@@ -83,18 +83,29 @@ def sample_count(road: Road) -> int:
 
 def lane_lines(road: Road) -> list[dict[int, LaneLine]]:
     """Return the centre lines of the drivable lanes of `road`, per lane section by lane id."""
+    tables = []
     with np.errstate(all="ignore"):
-        return [
-            _section(road, section, start, end) if any(lane.drivable for lane in section.lanes.values()) else {}
-            for section, start, end in _spans(road)
-        ]
+        for section, start, end in _spans(road):
+            table: dict[int, LaneLine] = {}
+            if any(lane.drivable for lane in section.lanes.values()):
+                samples = _reference(road, section, start, end)
+                if not np.isfinite(samples.line).all():
+                    raise MapError(
+                        f"road {road.id!r} has coordinates that are not finite between stations {start:.2f} and {end:.2f} m"
+                    )
+                shift = _cubic(road.offsets, samples.s, 0.0, end)
+                for id, inner, outer in _borders(section, samples.s, start, end):
+                    if section.lanes[id].drivable:
+                        offset = shift + math.copysign(0.5, id) * (inner + outer)
+                        table[id] = _line(road, id, samples, offset, outer - inner)
+            tables.append(table)
+    return tables
 
 
 def borders_at(road: Road, s: float) -> dict[int, tuple[float, float]]:
     """Return the offsets of the inner and the outer border of every lane from the reference line, to the left, at a station [m].
 
-    Args:
-        s: the station [m]; the borders at an end of the road also hold beyond this end.
+    The borders at an end of the road also hold beyond this end.
     """
     at = np.array([min(max(s, 0.0), road.length)])
     for section, start, end in reversed([*_spans(road)]):
@@ -109,7 +120,17 @@ def line_warnings(road: Road, lines: Iterable[Mapping[int, LaneLine]]) -> Iterat
     """Yield the warnings about a road with lanes: gaps and length of the reference line, folds of the centre lines."""
     if road.drivable:
         with np.errstate(all="ignore"):
-            yield from _shape_warnings(road)
+            ends = [*(shape.s for shape in road.shapes[1:]), road.length]
+            total = math.fsum(shape.length for shape in road.shapes)
+            for shape, after, at in zip(road.shapes, road.shapes[1:], ends, strict=False):
+                piece = evaluate(shape, np.array([0.0, max(at - shape.s, 0.0)]))
+                gap = math.hypot(after.x - piece.x[-1], after.y - piece.y[-1])
+                if not gap <= JOINT:
+                    message = f"the reference line of road {road.id!r} has a gap of {gap:.2f} m at station {at:.2f} m"
+                    yield MapWarning(Doubt.GAP, message, road.id)
+            if abs(total - road.length) > max(0.05, 0.002 * road.length):
+                message = f"road {road.id!r} says it is {road.length:.2f} m long, its geometry adds up to {total:.2f} m"
+                yield MapWarning(Doubt.LENGTH, message, road.id)
     for table in lines:
         for id, line in table.items():
             if line.cut:
@@ -122,47 +143,18 @@ def _spans(road: Road) -> Iterator[tuple[Section, float, float]]:
     yield from zip(road.sections, [0.0, *bounds], [*bounds, road.length], strict=True)
 
 
-def _shape_warnings(road: Road) -> Iterator[MapWarning]:
-    ends = [*(shape.s for shape in road.shapes[1:]), road.length]
-    total = math.fsum(shape.length for shape in road.shapes)
-    for shape, after, at in zip(road.shapes, road.shapes[1:], ends, strict=False):
-        line = evaluate(shape, np.array([0.0, max(at - shape.s, 0.0)]))
-        gap = math.hypot(after.x - line.x[-1], after.y - line.y[-1])
-        if not gap <= JOINT:
-            message = f"the reference line of road {road.id!r} has a gap of {gap:.2f} m at station {at:.2f} m"
-            yield MapWarning(Doubt.GAP, message, road.id)
-    if abs(total - road.length) > max(0.05, 0.002 * road.length):
-        message = f"road {road.id!r} says it is {road.length:.2f} m long, its geometry adds up to {total:.2f} m"
-        yield MapWarning(Doubt.LENGTH, message, road.id)
-
-
-def _section(road: Road, section: Section, start: float, end: float) -> dict[int, LaneLine]:
-    samples = _reference(road, section, start, end)
-    s = samples.s
-    if not np.isfinite(samples.line).all():
-        raise MapError(f"road {road.id!r} has coordinates that are not finite between stations {start:.2f} and {end:.2f} m")
-    shift = _cubic(road.offsets, s, 0.0, end)
-    return {
-        id: _line(road, id, samples, shift + math.copysign(0.5, id) * (inner + outer), outer - inner)
-        for id, inner, outer in _borders(section, s, start, end)
-        if section.lanes[id].drivable
-    }
-
-
 def _borders(section: Section, s: Array, start: float, end: float) -> Iterator[tuple[int, Array, Array]]:
     """Yield the id of every lane of a section, and the distances of its two borders from the centre at stations `s` [m]."""
     for ids in (sorted(i for i in section.lanes if i > 0), sorted((i for i in section.lanes if i < 0), reverse=True)):
         inner = np.zeros_like(s)
         for id in ids:
-            outer = _outer(section.lanes[id], inner, s, start, end)
+            lane = section.lanes[id]
+            if lane.widths or not lane.borders:
+                outer = inner + _cubic(lane.widths, s, start, end)
+            else:
+                outer = math.copysign(1.0, id) * _cubic(lane.borders, s, start, end)
             yield id, inner, outer
             inner = outer
-
-
-def _outer(lane: Lane, inner: Array, s: Array, start: float, end: float) -> Array:
-    if lane.widths or not lane.borders:
-        return inner + _cubic(lane.widths, s, start, end)
-    return math.copysign(1.0, lane.id) * _cubic(lane.borders, s, start, end)
 
 
 def _cubic(rows: Sequence[Cubic], s: Array, base: float, end: float) -> Array:
@@ -192,7 +184,14 @@ def _reference(road: Road, section: Section, start: float, end: float) -> _Sampl
     stations: list[Array] = []
     lines: list[Line] = []
     for shape, low, high in _pieces(road.shapes, start, end):
-        s = _stations(shape, low, high, curved=curved)
+        # The samples are closer together where the piece bends.
+        count = 1 if shape.kind == "line" and not curved else max(1, math.ceil((high - low) / SPACING))
+        s = np.linspace(low, high, count + 1)
+        if shape.kind != "line":
+            turn = np.diff(evaluate(shape, np.maximum(s - shape.s, 0.0)).heading)
+            bend = float(np.max(np.abs(np.remainder(turn + np.pi, 2 * np.pi) - np.pi)))
+            if bend > _BEND:
+                s = np.linspace(low, high, count * min(math.ceil(bend / _BEND), _FINEST) + 1)
         inside = cuts[(cuts > low) & (cuts < high)]
         if len(inside):
             s = np.unique(np.concatenate((s, inside)))
@@ -201,18 +200,6 @@ def _reference(road: Road, section: Section, start: float, end: float) -> _Sampl
     joints = np.cumsum([len(s) for s in stations[:-1]]).tolist()
     line = Line(*(np.concatenate(parts) for parts in zip(*lines, strict=True)))
     return _Samples(np.concatenate(stations), line, np.unwrap(line.heading), joints)
-
-
-def _stations(shape: Shape, low: float, high: float, *, curved: bool) -> Array:
-    """Return the stations of the samples of a piece between two stations: closer together where the piece bends."""
-    count = 1 if shape.kind == "line" and not curved else max(1, math.ceil((high - low) / SPACING))
-    s = np.linspace(low, high, count + 1)
-    if shape.kind != "line":
-        turn = np.diff(evaluate(shape, np.maximum(s - shape.s, 0.0)).heading)
-        bend = float(np.max(np.abs(np.remainder(turn + np.pi, 2 * np.pi) - np.pi)))
-        if bend > _BEND:
-            s = np.linspace(low, high, count * min(math.ceil(bend / _BEND), _FINEST) + 1)
-    return s
 
 
 def _pieces(shapes: Sequence[Shape], start: float, end: float) -> Iterator[tuple[Shape, float, float]]:

@@ -71,8 +71,14 @@ def link_table(draft: Draft, id: str) -> None:
             pair = draft.pair(*ends)
             if pair is None:
                 draft.idle.append(ends)
-                if ends[0][:2] != ends[1][:2]:
-                    _warn_of_missing_lane(draft, id, ends)
+                roads = draft.document.roads
+                missing = [(road, at, lane) for road, at, lane in ends if lane not in roads[road].lanes_at(at)]
+                if missing and ends[0][:2] != ends[1][:2]:
+                    road, at, lane = missing[0]
+                    message = (
+                        f"a lane link of junction {id!r} names lane {lane} at the {at} of road {road!r}, which does not exist"
+                    )
+                    draft.warn(Doubt.TABLE, message, road, id)
             elif junction.type == "direct":
                 draft.direct[id].append(pair)
             else:
@@ -103,15 +109,6 @@ def _incoming_end(draft: Draft, id: str, row: Connection) -> str | None:
         message = f"junction {id!r} names road {row.incoming!r} as incoming, which does not touch it"
         draft.warn(Doubt.TABLE, message, row.incoming, id)
     return end
-
-
-def _warn_of_missing_lane(draft: Draft, id: str, ends: Iterable[LaneEnd]) -> None:
-    """Add a warning if a lane link of junction `id` names a lane that does not exist."""
-    for road, end, lane in ends:
-        if lane not in draft.document.roads[road].lanes_at(end):
-            message = f"a lane link of junction {id!r} names lane {lane} at the {end} of road {road!r}, which does not exist"
-            draft.warn(Doubt.TABLE, message, road, id)
-            return
 
 
 def turn_links(draft: Draft) -> None:
@@ -229,11 +226,7 @@ def _possible_ends(road: str, end: str) -> list[RoadEnd]:
 
 
 def _only_continuation(draft: Draft, pairs: list[tuple[str, str]], gap: float = GAP_WARNING) -> list[tuple[str, str]]:
-    """Return the only pair of lanes whose second lane continues the first lane within a gap; an empty list if several pairs do.
-
-    Args:
-        gap: widest gap between the two lanes [m].
-    """
+    """Return the only pair of lanes whose second continues the first within a gap [m]; an empty list if several pairs do."""
     near = []
     for edge, after in ((draft.edges[a], draft.edges[b]) for a, b in pairs):
         turn = math.remainder(after.start_heading - edge.end_heading, math.tau)

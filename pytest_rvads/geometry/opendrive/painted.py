@@ -7,7 +7,7 @@ convex hull of the corners of the object, or of the lanes of the road. A light f
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from pytest_rvads.geometry.crosswalks import hull
 from pytest_rvads.geometry.network import Doubt, PaintedCrosswalk
 from pytest_rvads.geometry.opendrive.draft import Chain, Draft
 from pytest_rvads.geometry.opendrive.lanes import borders_at
-from pytest_rvads.geometry.opendrive.records import CrosswalkRecord, Road, pose_at
+from pytest_rvads.geometry.opendrive.records import Road, pose_at
 from pytest_rvads.geometry.opendrive.signals import point_of
 from pytest_rvads.support.errors import MapError
 
@@ -46,15 +46,19 @@ def painted(draft: Draft) -> tuple[PaintedCrosswalk, ...]:
     lights: list[list[str]] = [[] for _ in areas]
     low, high = (np.array([side(area, axis=0) for _, _, area in areas]) for side in (np.min, np.max))
     tests = 0
-    for id, point in _pedestrian_lights(draft.document.roads.values()):
+    signals = [(road, signal) for road in draft.document.roads.values() if road.shapes for signal in road.signals]
+    for at, signal in signals:
+        if signal.type.replace(".", "") != _PEDESTRIAN:
+            continue
+        point = np.array(point_of(at, signal))
         near = np.flatnonzero(((low <= point + _LIGHT_RANGE) & (high >= point - _LIGHT_RANGE)).all(axis=1)).tolist()
         tests += len(near)
         if tests > _MOST_TESTS:
-            raise MapError(f"too many crosswalks and lights for pedestrians stand around the light {id!r}; leave some out")
+            raise MapError(f"too many crosswalks and lights for pedestrians stand around the light {signal.id!r}; leave some out")
         distances = [(_nearest(np.vstack((areas[k][2], areas[k][2][:1])), point)[0], k) for k in near]
         distance, k = min(distances, default=(math.inf, 0))
         if distance <= _LIGHT_RANGE:
-            lights[k].append(id)
+            lights[k].append(signal.id)
     edges = list(draft.edges.values())
     boxes = np.array([(*edge.points.min(axis=0), *edge.points.max(axis=0)) for edge in edges]).reshape(-1, 4)
     crosswalks = []
@@ -68,11 +72,17 @@ def painted(draft: Draft) -> tuple[PaintedCrosswalk, ...]:
 
 
 def _corners(draft: Draft) -> Iterator[tuple[str, str, Array]]:
-    """Yield the id, the road and the corners of every crosswalk."""
+    """Yield the id, the road and the corners of every crosswalk, shape ``(k, 2)`` [m]."""
     roads = draft.document.roads
     for road in roads.values():
         for record in road.crosswalks if road.shapes else ():
-            yield record.id, road.id, _placed(road, record)
+            corners = [_point(road, s, t) for s, t in record.corners]
+            if record.local:
+                x, y = _point(road, record.s, record.t)
+                heading = pose_at(road, record.s)[2] + record.heading
+                cos, sin = math.cos(heading), math.sin(heading)
+                corners = [(x + u * cos - v * sin, y + u * sin + v * cos) for u, v in record.corners]
+            yield record.id, road.id, np.array(corners)
     for junction in draft.document.junctions.values():
         for id, name in junction.cross_paths:
             if name not in roads or not roads[name].shapes:
@@ -81,24 +91,11 @@ def _corners(draft: Draft) -> Iterator[tuple[str, str, Array]]:
                 )
                 draft.warn(Doubt.CROSSWALK, message, None, junction.id)
                 continue
-            yield id, name, _outline(roads[name])
-
-
-def _placed(road: Road, record: CrosswalkRecord) -> Array:
-    """Return the corners of a crosswalk in the plane of the map, shape ``(k, 2)`` [m]."""
-    if not record.local:
-        return np.array([_point(road, s, t) for s, t in record.corners])
-    x, y = _point(road, record.s, record.t)
-    heading = pose_at(road, record.s)[2] + record.heading
-    cos, sin = math.cos(heading), math.sin(heading)
-    return np.array([(x + u * cos - v * sin, y + u * sin + v * cos) for u, v in record.corners])
-
-
-def _outline(road: Road) -> Array:
-    """Return points on the outermost borders of the lanes of a road, shape ``(k, 2)`` [m]."""
-    stations = [road.length * k / _PARTS for k in range(_PARTS + 1)]
-    borders = [(s, [t for pair in borders_at(road, s).values() for t in pair] or [0.0]) for s in stations]
-    return np.array([_point(road, s, t) for s, offsets in borders for t in (min(offsets), max(offsets))])
+            # Points on the outermost borders of the lanes of the road.
+            road = roads[name]
+            stations = [road.length * k / _PARTS for k in range(_PARTS + 1)]
+            borders = [(s, [t for pair in borders_at(road, s).values() for t in pair] or [0.0]) for s in stations]
+            yield id, name, np.array([_point(road, s, t) for s, offsets in borders for t in (min(offsets), max(offsets))])
 
 
 def _point(road: Road, s: float, t: float) -> tuple[float, float]:
@@ -120,14 +117,6 @@ def _area(draft: Draft, id: str, road: str, corners: Array) -> Array | None:
     message = f"the crosswalk {id!r} of road {road!r} was left out: its painted area {fault}"
     draft.warn(Doubt.CROSSWALK, message, road)
     return None
-
-
-def _pedestrian_lights(roads: Iterable[Road]) -> Iterator[tuple[str, Array]]:
-    """Yield the id and the place of every light for pedestrians."""
-    for road in roads:
-        for signal in road.signals if road.shapes else ():
-            if signal.type.replace(".", "") == _PEDESTRIAN:
-                yield signal.id, np.array(point_of(road, signal))
 
 
 def _nearest(line: Array, point: Array) -> tuple[float, int, float]:

@@ -73,9 +73,19 @@ def read(path: str | os.PathLike[str]) -> Document:
         for element in root.findall("controller")
     }
     for junction in junctions.values():
-        warnings += _priority_warnings(junction, roads)
+        for name in dict.fromkeys(name for pair in junction.priorities for name in pair if name not in roads):
+            message = f"junction {junction.id!r} states a priority of road {name!r}, which does not exist; that was ignored"
+            warnings.append(MapWarning(Doubt.LINK, message, None, junction.id))
     warnings += _assign_junctions(roads, junctions)
-    warnings += _unit_warnings(root.find("header"))
+    header = root.find("header")
+    if header is not None:
+        unit = header.get("unit") or header.get("units") or "m"
+        for word in (header.findtext("geoReference") or "").split():
+            if word.startswith("+units="):
+                unit = word.removeprefix("+units=")
+        if unit not in ("m", "meter", "metre"):
+            message = f"the header names the unit {unit[:20]!r}; coordinates were read in metres, as the standard says"
+            warnings.append(MapWarning(Doubt.UNITS, message))
     return Document(str(path), roads, junctions, controllers, tuple(warnings))
 
 
@@ -109,26 +119,6 @@ def _assign_junctions(roads: dict[str, Road], junctions: Mapping[str, JunctionRe
                 message = f"road {connecting.id!r} connects roads in junction {junction.id!r} but does not say that it lies in it"
             warnings.append(MapWarning(Doubt.TABLE, message, connecting.id, junction.id))
     return warnings
-
-
-def _priority_warnings(junction: JunctionRecord, roads: Mapping[str, Road]) -> Iterator[MapWarning]:
-    """Yield a warning for every missing road to which a junction gives a priority."""
-    for name in dict.fromkeys(name for pair in junction.priorities for name in pair if name not in roads):
-        message = f"junction {junction.id!r} states a priority of road {name!r}, which does not exist; that was ignored"
-        yield MapWarning(Doubt.LINK, message, None, junction.id)
-
-
-def _unit_warnings(header: Element | None) -> Iterator[MapWarning]:
-    """Yield a warning if the header names another unit of length than the metre."""
-    if header is None:
-        return
-    unit = header.get("unit") or header.get("units") or "m"
-    for word in (header.findtext("geoReference") or "").split():
-        if word.startswith("+units="):
-            unit = word.removeprefix("+units=")
-    if unit not in ("m", "meter", "metre"):
-        message = f"the header names the unit {unit[:20]!r}; coordinates were read in metres, as the standard says"
-        yield MapWarning(Doubt.UNITS, message)
 
 
 class _RoadReader:
@@ -214,9 +204,7 @@ class _RoadReader:
     def _limits(self, rows: Sequence[tuple[Element, str, Element | None]]) -> Limits:
         """Return the speed limits of the road or of a lane; an unreadable limit is ignored with a warning.
 
-        Args:
-            rows: one tuple per limit: the element with the station where the limit begins, the name of the attribute that holds
-                the station, and the element with the speed. The last item is None for a stretch without a stated limit.
+        A row is the element with the station of a limit, the name of its attribute, and the element with the speed, if any.
         """
         limits = []
         for place, name, speed in rows:

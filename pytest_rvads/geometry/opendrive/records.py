@@ -269,45 +269,42 @@ class Line(NamedTuple):
 
 
 def evaluate(shape: Shape, along: Array) -> Line:
-    """Return points of a piece of a reference line.
-
-    Args:
-        shape: the piece.
-        along: ascending distances from the start of the piece, shape ``(k,)`` [m].
-    """
+    """Return points of a piece of a reference line at ascending distances from its start, shape ``(k,)`` [m]."""
     if shape.kind == "line":
         u, v, turn = along, np.zeros_like(along), np.zeros_like(along)
     elif shape.kind == "arc":
-        u, v, turn = _arc(shape.values[0], along)
+        turn = shape.values[0] * along
+        # sin(a)/k and (1 - cos(a))/k, written so that both terms are defined for a curvature k of zero.
+        chord = along * np.sinc(turn / (2 * np.pi))
+        u, v = chord * np.cos(turn / 2), chord * np.sin(turn / 2)
     elif shape.kind == "spiral":
         u, v, turn = _spiral(shape.values[0], shape.values[1], shape.length, along)
     elif shape.kind == "poly3":
-        u, v, turn = _poly3(shape.values, along)
+        a, b, c, d = shape.values
+        grid = _grid(along[-1], along[-1])
+        u = np.interp(along, _arc_length(grid, lambda p: np.sqrt(1 + (b + p * (2 * c + 3 * d * p)) ** 2)), grid)
+        v, turn = a + u * (b + u * (c + u * d)), np.arctan(b + u * (2 * c + 3 * d * u))
     else:
-        u, v, turn = _param_poly3(shape.values, shape.length, shape.normalized, along)
+        au, bu, cu, du, av, bv, cv, dv = shape.values
+        end = 1.0 if shape.normalized else shape.length
+        grid = _grid(end, shape.length)
+        arc = _arc_length(grid, lambda p: np.hypot(bu + p * (2 * cu + 3 * du * p), bv + p * (2 * cv + 3 * dv * p)))
+        p = np.interp(along, arc, grid)
+        # The stated length of a piece can differ from the arc length by centimetres; the end point is exact.
+        p[along >= shape.length - _END] = end
+        turn = np.arctan2(bv + p * (2 * cv + 3 * dv * p), bu + p * (2 * cu + 3 * du * p))
+        u, v = au + p * (bu + p * (cu + p * du)), av + p * (bv + p * (cv + p * dv))
     cos, sin = np.cos(shape.heading), np.sin(shape.heading)
     return Line(shape.x + u * cos - v * sin, shape.y + u * sin + v * cos, shape.heading + turn)
 
 
 def pose_at(road: Road, s: float) -> tuple[float, float, float]:
-    """Return the point of a reference line at a station [m], and the heading [rad]; beyond its ends the line goes straight on.
-
-    Args:
-        s: the station [m].
-    """
+    """Return the point of a reference line at a station [m], and the heading [rad]; beyond its ends the line goes straight on."""
     within = min(max(s, 0.0), road.length)
     shape = next((shape for shape in reversed(road.shapes) if shape.s <= within), road.shapes[0])
     (x,), (y,), (heading,) = evaluate(shape, np.array([max(within - shape.s, 0.0)]))
     beyond = s - within
     return float(x + beyond * np.cos(heading)), float(y + beyond * np.sin(heading)), float(heading)
-
-
-def _arc(curvature: float, along: Array) -> tuple[Array, Array, Array]:
-    turn = curvature * along
-    # sin(a)/k and (1 - cos(a))/k, written so that both terms are defined for a curvature k of zero.
-    half = np.sinc(turn / (2 * np.pi))
-    chord = along * half
-    return chord * np.cos(turn / 2), chord * np.sin(turn / 2), turn
 
 
 def _spiral(first: float, last: float, length: float, along: Array) -> tuple[Array, Array, Array]:
@@ -328,25 +325,6 @@ def _spiral(first: float, last: float, length: float, along: Array) -> tuple[Arr
     keep = slice(None, None, parts)
     back = len(along)
     return u[keep][-back:], v[keep][-back:], first * along + rate * along**2 / 2
-
-
-def _poly3(values: tuple[float, ...], along: Array) -> tuple[Array, Array, Array]:
-    a, b, c, d = values
-    grid = _grid(along[-1], along[-1])
-    u = np.interp(along, _arc_length(grid, lambda p: np.sqrt(1 + (b + p * (2 * c + 3 * d * p)) ** 2)), grid)
-    return u, a + u * (b + u * (c + u * d)), np.arctan(b + u * (2 * c + 3 * d * u))
-
-
-def _param_poly3(values: tuple[float, ...], length: float, normalized: bool, along: Array) -> tuple[Array, Array, Array]:
-    au, bu, cu, du, av, bv, cv, dv = values
-    end = 1.0 if normalized else length
-    grid = _grid(end, length)
-    arc = _arc_length(grid, lambda p: np.hypot(bu + p * (2 * cu + 3 * du * p), bv + p * (2 * cv + 3 * dv * p)))
-    p = np.interp(along, arc, grid)
-    # The stated length of a piece can differ from the arc length by centimetres; the end point is exact.
-    p[along >= length - _END] = end
-    turn = np.arctan2(bv + p * (2 * cv + 3 * dv * p), bu + p * (2 * cu + 3 * du * p))
-    return au + p * (bu + p * (cu + p * du)), av + p * (bv + p * (cv + p * dv)), turn
 
 
 def _grid(end: float, length: float) -> Array:

@@ -102,11 +102,7 @@ def load(path: str | os.PathLike[str]) -> Element:
 
 
 def number(element: Element, name: str, place: str, default: float | None = None) -> float:
-    """Return attribute `name` of `element` as a finite number.
-
-    Args:
-        default: value of a missing or empty attribute; None if the attribute is required.
-    """
+    """Return attribute `name` of `element` as a finite number; `default` is the value of a missing or empty attribute."""
     text = element.get(name)
     if not text:
         if default is not None:
