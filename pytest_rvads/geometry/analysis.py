@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations
 
@@ -44,15 +44,15 @@ class LaneEnd:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JunctionReport:
-    """The result of the analysis of a junction of a map file. A junction that scenarios can't use has a report, too."""
+    """The analysis of a junction of a map file, also of a junction that scenarios can't use."""
 
     id: str
     arms: tuple[RoadArm, ...]
-    """Arms of the junction, counter-clockwise."""
+    """Arms, counter-clockwise."""
     entrances: tuple[LaneEnd, ...]
     """Entrances arm by arm, on each arm from the kerb; the number of an entrance is its index."""
     exits: tuple[LaneEnd, ...]
-    """Exits arm by arm, on each arm from the kerb; the number of an exit is its index."""
+    """Exits, likewise."""
     movements: tuple[Route, ...]
     """Movements, sorted by entrance and exit."""
     signs: tuple[Sign, ...]
@@ -89,7 +89,7 @@ class JunctionReport:
 
     @property
     def control(self) -> JunctionControl:
-        """Control of the junction as a whole, such as stop signs at all entrances."""
+        """Control of the junction as a whole."""
         return control_of(self.signs)
 
     @property
@@ -233,7 +233,8 @@ def analyse(
             entrances,
             opposite,
             objects_of_entrances,
-            _arrows_across(movements, objects_of_entrances, left_hand=left_hand),
+            movements,
+            left_hand=left_hand,
         ),
         setbacks=tuple(0.0 if place else back for back, place in zip(setbacks, beyond, strict=True)),
         beyond=beyond,
@@ -257,10 +258,7 @@ def lifted(pairs: Pairs, entrances: Sequence[LaneEnd]) -> Pairs:
 def turns_of_arms(
     arms: Sequence[RoadArm], entrances: Sequence[LaneEnd], exits: Sequence[LaneEnd], ways: Sequence[Route]
 ) -> dict[tuple[int, int], Turn]:
-    """Return the turn from every arm to every other arm.
-
-    The turn is that of a movement between the two arms. Without such a movement, the directions of the two arms give the turn.
-    """
+    """Return the turn from every arm to every other arm, by a movement or, without one, by the directions of the two arms."""
     turns: dict[tuple[int, int], Turn] = {}
     for way in ways:
         turns.setdefault((entrances[way.entrance].arm, exits[way.exit].arm), way.turn)
@@ -277,8 +275,7 @@ def _lanes(edges: Sequence[Sequence[str]]) -> tuple[LaneEnd, ...]:
 def right_of_pairs(turns: dict[tuple[int, int], Turn], *, left_hand: bool) -> Pairs:
     """Return the pairs ``v1 right-of v2`` (paper, table of semantics), mirrored where traffic keeps left.
 
-    v1 is right-of v2 if a right movement from v1 and a straight movement from v2 share an exit, or if a straight movement from v1
-    and a left movement from v2 share an exit. If traffic keeps left, right and left change places.
+    A right movement from v1 and a straight movement from v2 share an exit, or a straight one from v1 and a left one from v2.
     """
     near, far = (Turn.LEFT, Turn.RIGHT) if left_hand else (Turn.RIGHT, Turn.LEFT)
     right_of_turns = {(near, Turn.STRAIGHT), (Turn.STRAIGHT, far)}
@@ -300,7 +297,7 @@ def opposite_pairs(turns: dict[tuple[int, int], Turn]) -> Pairs:
 def _beyond(graph: MetricGraph, ways: Sequence[Route], setbacks: Sequence[float]) -> tuple[float | None, ...]:
     """Return, per entrance, how far behind the vertex its line lies [m], if one of its ways has met another way before the line.
 
-    Vehicles can't wait there. The result is None for every other entrance.
+    Vehicles can't wait there.
     """
     if min(setbacks, default=0.0) >= 0.0:
         return (None,) * len(setbacks)
@@ -319,9 +316,18 @@ def _phases(
     entrances: Sequence[LaneEnd],
     opposite: Pairs,
     objects: Sequence[Sequence[MapObject]],
-    protected: Collection[int],
+    ways: Sequence[Route],
+    *,
+    left_hand: bool,
 ) -> tuple[frozenset[int], ...]:
     """Return the groups of entrances with lights that have green together."""
+    # Entrances that allow only the turn across oncoming traffic, and whose lights all have an arrow for this turn.
+    across = {Turn.RIGHT if left_hand else Turn.LEFT}
+    protected = set()
+    for number, items in enumerate(objects):
+        shown = {item.arrows for item in items if item.kind is ObjectKind.LIGHT}
+        if shown == {frozenset(across)} and {way.turn for way in ways if way.entrance == number} == across:
+            protected.add(number)
     signs = signs_of([{item.kind for item in items} for items in objects])
     lit = [number for number, sign in enumerate(signs) if sign is Sign.LIGHTS]
     lights: dict[str, set[int]] = {}
@@ -334,17 +340,6 @@ def _phases(
     arrows = {k for k, number in enumerate(lit) if number in protected and any(k == entrance for entrance, _ in facing)}
     groups = phase_groups([entrances[number].arm for number in lit], facing, controllers, arrows)
     return tuple(frozenset(lit[k] for k in group) for group in groups)
-
-
-def _arrows_across(ways: Sequence[Route], objects: Sequence[Sequence[MapObject]], *, left_hand: bool) -> frozenset[int]:
-    """Return the entrances that allow only the turn across oncoming traffic, and whose lights all have an arrow for this turn."""
-    across = {Turn.RIGHT if left_hand else Turn.LEFT}
-    across_only = set()
-    for number, items in enumerate(objects):
-        arrows = {item.arrows for item in items if item.kind is ObjectKind.LIGHT}
-        if arrows == {frozenset(across)} and {way.turn for way in ways if way.entrance == number} == across:
-            across_only.add(number)
-    return frozenset(across_only)
 
 
 def _stated(network: Network, id: str, ways: Sequence[Route], graph: MetricGraph) -> frozenset[tuple[Key, Key]]:

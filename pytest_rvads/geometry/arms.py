@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -69,13 +69,17 @@ def arms_of(graph: MetricGraph, pairs: Sequence[tuple[str, str]]) -> tuple[RoadA
     arms = [_arm((end,), entering[end], leaving[end], left_hand) for end in entering if end in leaving]
     only_in = [end for end in entering if end not in leaving]
     only_out = [end for end in leaving if end not in entering]
-    costs = sorted(
-        (cost, end_in, end_out)
-        for end_in in (only_in if len(only_in) * len(only_out) <= _MOST_PAIRS else ())
-        for end_out in only_out
-        if (cost := _beside(graph, entering[end_in][0], leaving[end_out][0])) is not None
-    )
-    for _, end_in, end_out in costs:
+    # Some one-way streets begin next to each other and lead apart; the two sides of a dual carriageway run side by side.
+    costs = []
+    for end_in, end_out in product(only_in, only_out) if len(only_in) * len(only_out) <= _MOST_PAIRS else ():
+        entrance, exit = entering[end_in][0], leaving[end_out][0]
+        distance, angle, on_left = facing(entrance, exit)
+        if angle > _FACING or distance > _BESIDE or on_left is (entrance.road in left_hand):
+            continue
+        apart = math.remainder(_away(graph, entrance, upstream=True) - _away(graph, exit, upstream=False), math.tau)
+        if abs(apart) <= _ALONGSIDE:
+            costs.append((distance + _PER_DEGREE * math.degrees(angle), end_in, end_out))
+    for _, end_in, end_out in sorted(costs):
         if end_in in only_in and end_out in only_out:
             only_in.remove(end_in)
             only_out.remove(end_out)
@@ -103,11 +107,7 @@ def sort_arms(arms: Sequence[RoadArm], in_order: Callable[[Sequence[RoadArm]], b
 
 
 def turns_in_order(turning: Iterable[tuple[int, int, float]], ways: int) -> bool:
-    """Return whether the movements of every entrance, sorted by turn, follow the cyclic order of the exits.
-
-    Args:
-        turning: (entrance arm, exit arm, total change of heading [rad]) of the movements.
-    """
+    """Return whether movements (entrance arm, exit arm, change of heading [rad]), by turn, follow the cyclic order of exits."""
     table: dict[int, list[tuple[float, int]]] = {}
     for entrance, exit, change in turning:
         if entrance != exit:
@@ -129,18 +129,6 @@ def _arm(ends: tuple[RoadEnd, ...], entering: Sequence[Edge], leaving: Sequence[
         math.fsum(p[1] for p in points) / len(points),
         outward,
     )
-
-
-def _beside(graph: MetricGraph, entrance: Edge, exit: Edge) -> float | None:
-    """Return the cost of pairing a one-way entrance with a one-way exit, or None if they are no pair.
-
-    Some one-way streets begin next to each other and lead apart; the two sides of a dual carriageway run side by side.
-    """
-    distance, angle, on_left = facing(entrance, exit)
-    if angle > _FACING or distance > _BESIDE or on_left is (entrance.road in graph.network.left_hand):
-        return None
-    apart = math.remainder(_away(graph, entrance, upstream=True) - _away(graph, exit, upstream=False), math.tau)
-    return None if abs(apart) > _ALONGSIDE else distance + _PER_DEGREE * math.degrees(angle)
 
 
 def _away(graph: MetricGraph, edge: Edge, *, upstream: bool) -> float:
@@ -180,7 +168,10 @@ def unusable(
     entering = sum(bool(arm.entrances) for arm in arms)
     if entering < 2:
         return f"traffic enters it from {entering} of its {len(arms)} arms, and a usable junction has traffic from at least two"
-    return _reason_of_gaps(graph, ways)
+    gap, (lane, next_lane) = max(widest_gap(graph, way.path) for way in ways)
+    if gap <= GAP_LIMIT:
+        return None
+    return f"lanes {lane} and {next_lane} are linked but {gap:.2f} m apart, expected at most {GAP_LIMIT:.1f} m"
 
 
 def widest_gap(graph: MetricGraph, path: Path) -> tuple[float, tuple[str, str]]:
@@ -190,10 +181,3 @@ def widest_gap(graph: MetricGraph, path: Path) -> tuple[float, tuple[str, str]]:
         (x, y), (u, v) = graph.edges[lane].points[-1], graph.edges[next_lane].points[0]
         gaps.append((math.hypot(u - x, v - y), (lane, next_lane)))
     return max(gaps)
-
-
-def _reason_of_gaps(graph: MetricGraph, ways: Sequence[Route]) -> str | None:
-    gap, (lane, next_lane) = max(widest_gap(graph, way.path) for way in ways)
-    if gap <= GAP_LIMIT:
-        return None
-    return f"lanes {lane} and {next_lane} are linked but {gap:.2f} m apart, expected at most {GAP_LIMIT:.1f} m"

@@ -25,7 +25,6 @@ class Refused:
     """A requested junction that scenarios can't use, or in which no two ways (paths through the junction) meet."""
 
     junction: str
-    """Id of the junction."""
     map: str | None
     ways: int
     """Number of arms."""
@@ -65,16 +64,16 @@ class _Candidate:
 def choose(
     wanted: str | Iterable[str], map: Map = None, *, kinds: Kinds | None = None, limit: int | None = None, seed: int = 0
 ) -> Choice:
-    """Return the requested junctions of a map.
+    """Return the requested junctions of a map, or of the built-in maps.
 
-    Args:
-        wanted: one or several texts. A text is an id in `map`; ``"*"`` for all junctions of `map`; a type such as "4-way stop" or
-            "3-way lights with 40 m of approach" for all junctions of this type; or a place such as "nearest to 52, 149" [m].
-            Without a map, a text is a built-in name, ``"*"`` for all built-in junctions, or a type for the first built-in
-            junction of this type, as in `find`, because built-in junctions come in variants.
-        map: a map file (OpenDRIVE, Lanelet2 or CommonRoad), or None for the built-in maps.
+    A text is an id in `map`, ``"*"`` for all junctions, a type such as "4-way stop" or "3-way lights with 40 m of approach" for
+    all junctions of this type, or a place such as "nearest to 52, 149" [m]. Without a map, a type gives the first built-in
+    junction of this type, as in `find`, because built-in junctions come in variants.
     """
-    return choose_among(((text, map) for text in _texts(wanted)), kinds=kinds, limit=limit, seed=seed)
+    texts = (wanted,) if isinstance(wanted, str) or not isinstance(wanted, Iterable) else tuple(wanted)
+    for text in texts:
+        require(text, str, "choose takes names, ids or types of junctions as texts, such as '*' or '4-way stop'", MapError)
+    return choose_among([(text, map) for text in texts], kinds=kinds, limit=limit, seed=seed)
 
 
 def choose_among(
@@ -98,7 +97,10 @@ def choose_among(
     junctions = []
     for candidate in candidates.values():
         try:
-            junctions.append(_junction_of(candidate))
+            place = find(candidate.id, candidate.map)
+            if place.kind is JunctionKind.CONFLICT_FREE and not candidate.alone:
+                raise MapError(_FREE)
+            junctions.append(place)
         except MapError as error:
             if candidate.alone:
                 raise
@@ -113,14 +115,11 @@ def some(junctions: Sequence[Junction], limit: int | None, seed: int = 0) -> tup
     """Return at most `limit` junctions, in order, drawn as evenly as possible from every kind: control and number of arms."""
     if limit is None:
         return tuple(junctions)
-    return tuple(draw(junctions, limit, seed, _kind, lambda junction: junction.name))
 
+    def kind(junction: Junction) -> tuple[str, ...]:
+        return (f"{junction.ways}-way {junction.control.value}",)
 
-def _texts(wanted: str | Iterable[str]) -> tuple[str, ...]:
-    texts = (wanted,) if isinstance(wanted, str) or not isinstance(wanted, Iterable) else tuple(wanted)
-    for text in texts:
-        require(text, str, "choose takes names, ids or types of junctions as texts, such as '*' or '4-way stop'", MapError)
-    return texts
+    return tuple(draw(junctions, limit, seed, kind, lambda junction: junction.name))
 
 
 def _refusal(candidate: _Candidate, reason: str) -> Refused:
@@ -128,18 +127,6 @@ def _refusal(candidate: _Candidate, reason: str) -> Refused:
     return Refused(
         candidate.id, None if candidate.map is None else os.fspath(candidate.map), candidate.report.ways, control, reason
     )
-
-
-def _junction_of(candidate: _Candidate) -> Junction:
-    """Return the junction of a candidate, with its geometry."""
-    place = find(candidate.id, candidate.map)
-    if place.kind is JunctionKind.CONFLICT_FREE and not candidate.alone:
-        raise MapError(_FREE)
-    return place
-
-
-def _kind(junction: Junction) -> tuple[str, ...]:
-    return (f"{junction.ways}-way {junction.control.value}",)
 
 
 def _candidates_of(text: str, map: Map, kinds: Kinds | None, refused: dict[tuple[Map, str], Refused]) -> Iterator[_Candidate]:

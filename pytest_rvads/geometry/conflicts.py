@@ -88,7 +88,12 @@ def _stretches(ways: Mapping[Key, Line]) -> dict[tuple[Key, Key], Shared]:
     Pairs of ways from the same start are left out, because vehicles of an entrance follow each other.
     """
     keys = list(ways)
-    lines = [_sample(line) for line in ways.values()]
+    lines = []
+    for line in ways.values():
+        segment = line.path
+        stations = np.append(np.arange(0.0, segment.length, _SPACING), segment.length)
+        samples = np.column_stack([np.interp(stations, segment.stations, segment.points[:, axis]) for axis in (0, 1)])
+        lines.append((stations - line.origin, samples))
     widths = np.array([line.width for line in ways.values()])
     boxes = np.array([(*points.min(axis=0), *points.max(axis=0)) for _, points in lines]).reshape(-1, 4)
     shared = {}
@@ -131,12 +136,3 @@ def close(points: NDArray[np.float64], others: NDArray[np.float64], reach: float
             near[first : first + _PART] |= both.any(axis=1)
             other_near[start : start + _PART] |= both.any(axis=0)
     return near, other_near
-
-
-def _sample(line: Line) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return stations, shape ``(k,)``, and points, shape ``(k, 2)``, along a centre line [m]."""
-    segment = line.path
-    stations = np.append(np.arange(0.0, segment.length, _SPACING), segment.length)
-    return stations - line.origin, np.column_stack(
-        [np.interp(stations, segment.stations, segment.points[:, axis]) for axis in (0, 1)]
-    )

@@ -165,8 +165,17 @@ class _Site:
         )
         middles = []
         for p in straightest:
-            aside = self.graph.edges[p.edge].width / 4 * _left(_unit(p.place))
-            middles += [_middle(area, np.array(p.place[:2]) + side, _unit(p.place)) for side in (-aside, aside)]
+            ahead = _unit(p.place)
+            aside = self.graph.edges[p.edge].width / 4 * _left(ahead)
+            for point in (np.array(p.place[:2]) - aside, np.array(p.place[:2]) + aside):
+                # The middle of the part of the line ahead that lies inside the area; the point itself if no part does.
+                left, along = (area - point) @ _left(ahead), (area - point) @ ahead
+                cuts = [
+                    x + (u - x) * y / (y - v)
+                    for x, y, u, v in zip(along, left, np.roll(along, -1), np.roll(left, -1), strict=True)
+                    if (y > 0.0) != (v > 0.0)
+                ]
+                middles.append(point + (min(cuts) + max(cuts)) / 2 * ahead if cuts else point)
         middles.sort(key=lambda point: float(point @ straight_across))
         across = middles[-1] - middles[0]
         length = float(np.hypot(*across))
@@ -228,17 +237,6 @@ def _left(vector: Array) -> Array:
 def _straightest(passes: Sequence[_Pass]) -> list[_Pass]:
     """Return, per lane of an arm, the pass of the movement that turns least."""
     return list({p.lane: p for p in sorted(passes, key=lambda p: -abs(p.route.turning))}.values())
-
-
-def _middle(area: Array, point: Array, ahead: Array) -> Array:
-    """Return the middle of the part of a straight line that lies inside an area; the given point if no part does."""
-    aside, along = (area - point) @ _left(ahead), (area - point) @ ahead
-    cuts = [
-        x + (u - x) * y / (y - v)
-        for x, y, u, v in zip(along, aside, np.roll(along, -1), np.roll(aside, -1), strict=True)
-        if (y > 0.0) != (v > 0.0)
-    ]
-    return point + (min(cuts) + max(cuts)) / 2 * ahead if cuts else point
 
 
 def _phase(network: Network, report: JunctionReport, arm: int, lights: Set[str], over: Collection[Key]) -> int | None:

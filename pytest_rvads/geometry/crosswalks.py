@@ -54,9 +54,7 @@ class Crosswalk:
     """A crosswalk over one arm of a junction."""
 
     id: str
-    """Id of the crosswalk in the map file."""
     arm: int
-    """Number of the arm."""
     area: NDArray[np.float64] = field(repr=False)
     """Corners of the painted area, in order, shape ``(k, 2)`` [m]."""
     path: Segment = field(repr=False)
@@ -138,11 +136,7 @@ def covers(crosswalks: Sequence[Crosswalk], courses: Mapping[Key, Line]) -> Mapp
 
 
 def covered(area: NDArray[np.float64], line: Line) -> Stretch | None:
-    """Return the first and last station of a line inside an area [m]; None if the line passes the area by.
-
-    Args:
-        area: corners of the area in order, shape ``(k, 2)`` [m].
-    """
+    """Return the first and last station of a line inside an area of corners ``(k, 2)`` [m]; None if it passes the area by."""
     path = line.path
     ends = np.roll(area, -1, axis=0)
     (x0, y0), (x1, y1) = (corners[area[:, 1] != ends[:, 1]].T for corners in (area, ends))
@@ -168,11 +162,7 @@ def covered(area: NDArray[np.float64], line: Line) -> Stretch | None:
 
 
 def hull(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the corners of the convex hull of points, counter-clockwise; fewer than three if all points lie on a line.
-
-    Args:
-        points: points in any order, shape ``(k, 2)`` [m].
-    """
+    """Return the corners of the convex hull of points ``(k, 2)``, counter-clockwise; fewer than three if all lie on a line."""
     ordered = sorted({(float(x), float(y)) for x, y in points})
     corners: list[tuple[float, float]] = []
     # Andrew's monotone chain: first the lower side of the hull, then the upper side.

@@ -129,7 +129,10 @@ def find(junction: str, map: str | os.PathLike[str] | None = None) -> Junction:
         return nearest(map, _coordinate(place["x"]), _coordinate(place["y"]))
     id = junction
     if kinds and not is_id:
-        id = _first_fitting(road_map, junction, kinds)
+        fitting = next((report.id for report in road_map.junctions if kinds.fit(report)), None)
+        if fitting is None:
+            raise MapError(f"map file {road_map.path} has no usable junction that fits {junction!r}; {offer(road_map)}")
+        id = fitting
     return _junction(road_map, key, id, name_of(map, id))
 
 
@@ -227,10 +230,3 @@ def _coordinate(text: str) -> float:
         return float(text)
     except ValueError:
         raise MapError(f"{text!r} is no coordinate, expected two numbers such as in 'nearest to 52, 149'") from None
-
-
-def _first_fitting(road_map: RoadMap, text: str, kinds: Kinds) -> str:
-    for report in road_map.junctions:
-        if kinds.fit(report):
-            return report.id
-    raise MapError(f"map file {road_map.path} has no usable junction that fits {text!r}; {offer(road_map)}")

@@ -207,7 +207,6 @@ class Junction:
 
     @cached_property
     def _limits(self) -> tuple[Limits, ...]:
-        """The speed limits along each known centre line."""
         return tuple(line.limits for line in self._centre_lines if line)
 
     @cached_property
@@ -373,8 +372,15 @@ class Junction:
         Returns:
             Per entrance the number of its image, and per exit the number of its image; None if a lane has no image.
         """
-        entrances, exits = (_image(lanes, arms, self.ways) for lanes in (self.entrances, self.exits))
-        return None if entrances is None or exits is None else (entrances, exits)
+        images = []
+        sides: tuple[Sequence[Entrance | Exit], ...] = self.entrances, self.exits
+        for lanes in sides:
+            numbers = {(lane.arm, lane.lane): number for number, lane in enumerate(lanes)}
+            places = [((lane.arm + arms) % self.ways, lane.lane) for lane in lanes]
+            if numbers.keys() != set(places):
+                return None
+            images.append(tuple(numbers[place] for place in places))
+        return images[0], images[1]
 
     def vehicle_at(self, entrance: int) -> str:
         """Return the name of the first vehicle at an entrance: ``a0``; ``a0.1`` on lane 1 of an arm with several entrances."""
@@ -460,9 +466,3 @@ def _limited(junction: Junction, limit: float | None) -> Junction:
         exits=tuple(replace(lane, road=on(lane.road)) for lane in junction.exits),
         movements={key: replace(movement, path=on(movement.path)) for key, movement in junction.movements.items()},
     )
-
-
-def _image(lanes: Sequence[Entrance | Exit], arms: int, ways: int) -> tuple[int, ...] | None:
-    numbers = {(lane.arm, lane.lane): number for number, lane in enumerate(lanes)}
-    places = [((lane.arm + arms) % ways, lane.lane) for lane in lanes]
-    return tuple(numbers[place] for place in places) if numbers.keys() == set(places) else None

@@ -15,8 +15,7 @@ BAND = 5
 def normal_bands(slopes: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the bands of the normal matrix: entry (k, k + m) at ``[m, k]``, shape ``(BAND, unknowns)``.
 
-    Args:
-        slopes: the derivatives of the errors of every row by the unknowns of its band, shape ``(unknowns, errors, BAND)``.
+    `slopes` are the derivatives of the errors of every row by the unknowns of its band, shape ``(unknowns, errors, BAND)``.
     """
     count, half = len(slopes), BAND // 2
     products = np.einsum("nca,ncb->nab", slopes, slopes)
@@ -28,12 +27,7 @@ def normal_bands(slopes: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def pull(slopes: NDArray[np.float64], errors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the derivatives of half the sum of the squared errors by every unknown, shape ``(unknowns,)``.
-
-    Args:
-        slopes: the derivatives of the errors of every row by the unknowns of its band, shape ``(unknowns, errors, BAND)``.
-        errors: the errors of every row, shape ``(unknowns, errors)``.
-    """
+    """Return the derivatives of half the sum of the squared errors ``(unknowns, errors)`` by every unknown."""
     count, half = len(slopes), BAND // 2
     padded = np.zeros(count + 2 * half)
     for a in range(BAND):
@@ -42,11 +36,7 @@ def pull(slopes: NDArray[np.float64], errors: NDArray[np.float64]) -> NDArray[np
 
 
 def solved(bands: NDArray[np.float64], damping: float, right: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the solution of the damped normal equations, by elimination within their bands.
-
-    Args:
-        right: the right-hand side, shape ``(unknowns,)``.
-    """
+    """Return the solution of the damped normal equations, by elimination within their bands."""
     count = len(right)
     rows = [list(row) for row in zip(*bands.tolist(), strict=True)]
     x = right.tolist() + [0.0] * (BAND - 1)

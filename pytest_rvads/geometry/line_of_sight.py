@@ -8,13 +8,9 @@ import math
 def crosses(
     eye: tuple[float, float], target: tuple[float, float], front: tuple[float, float, float], size: tuple[float, float]
 ) -> bool:
-    """Return whether the line between two points crosses the rectangle of a body, by the clipping of Liang and Barsky.
+    """Return whether the line between two points [m] crosses the rectangle of a body, by the clipping of Liang and Barsky.
 
-    Args:
-        eye: the first point, x and y [m].
-        target: the second point, x and y [m].
-        front: centre of the front of the body, x and y [m], and its heading [rad].
-        size: length and width of the body [m].
+    The body is given by the centre of its front, x and y [m] and heading [rad], and by its length and width [m].
     """
     x, y, heading = front
     length, width = size

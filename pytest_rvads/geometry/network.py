@@ -73,9 +73,7 @@ class MapWarning:
     message: str
     """One sentence."""
     road: str | None = None
-    """Id of the road with the repair or doubt."""
     junction: str | None = None
-    """Id of the junction with the repair or doubt."""
 
     def record(self) -> dict[str, str | None]:
         """Return the fields of the warning as a dict of texts for JSON."""
@@ -128,7 +126,6 @@ class Edge:
     joins: bool = field(default=False, kw_only=True)
     """Whether traffic on the lane joins other traffic: a ramp, entry lane, exit lane, or lane that ends narrower than a car."""
     limits: Limits = field(default=(), kw_only=True)
-    """The speed limits that the map states along the lane."""
 
     @property
     def start_heading(self) -> float:
@@ -154,12 +151,7 @@ class Edge:
 
 
 def facing(entrance: Edge, exit: Edge) -> tuple[float, float, bool]:
-    """Return the position of an exit of a junction relative to an entrance.
-
-    Returns:
-        Gap between the ends of the two lanes [m], angle between the exit and the reverse of the entrance [rad], and whether the
-        exit lies on the left of the entrance.
-    """
+    """Return the gap from an entrance to an exit [m], the exit's angle to the reversed entrance [rad], whether it lies left."""
     heading = entrance.end_heading
     (x, y), (u, v) = entrance.points[-1], exit.points[0]
     angle = abs(math.remainder(exit.start_heading - heading - math.pi, math.tau))

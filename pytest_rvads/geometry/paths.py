@@ -11,12 +11,12 @@ import math
 from bisect import bisect_right
 from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import networkx as nx
 
 from pytest_rvads.geometry.graph import MetricGraph, Position
-from pytest_rvads.geometry.network import Edge
 from pytest_rvads.geometry.segment import GAP_LIMIT, Pose, Segment, join
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.support.errors import MapError
@@ -47,9 +47,7 @@ class Route(NamedTuple):
     """A path through a junction of a map file, with the numbers of its entrance and exit and its turn."""
 
     entrance: int
-    """Number of the entrance."""
     exit: int
-    """Number of the exit."""
     turn: Turn
     length: float
     """Length along the lane centre line [m]."""
@@ -104,12 +102,14 @@ def walk(graph: MetricGraph, start: str, *, upstream: bool, joints: Container[st
         choices = [graph.edges[id] for id in onward[last_edge.id]]
         if any(choice.junction is not None and choice.junction not in joints for choice in choices):
             return way
-        bends = [
-            (bend, choice.id)
-            for choice in choices
-            if choice.id not in seen
-            and (bend := _bend(*((choice, last_edge) if upstream else (last_edge, choice)))).gap <= GAP_LIMIT
-        ]
+        bends = []
+        for choice in choices:
+            before, after = (choice, last_edge) if upstream else (last_edge, choice)
+            gap = math.dist(before.points[-1], after.points[0])
+            if choice.id not in seen and gap <= GAP_LIMIT:
+                turn = abs(math.remainder(after.start_heading - before.end_heading, math.tau))
+                inside = math.fsum(edge.length for edge in (before, after) if edge.junction is not None)
+                bends.append((_Bend(round(turn, 3), gap, inside, (before.id, after.id)), choice.id))
         if not bends:
             return way
         way.append(min(bends)[1])
@@ -131,18 +131,11 @@ class _Bend(NamedTuple):
     ids: tuple[str, str]
 
 
-def _bend(edge_before: Edge, edge_after: Edge) -> _Bend:
-    turn = abs(math.remainder(edge_after.start_heading - edge_before.end_heading, math.tau))
-    inside = math.fsum(edge.length for edge in (edge_before, edge_after) if edge.junction is not None)
-    return _Bend(round(turn, 3), math.dist(edge_before.points[-1], edge_after.points[0]), inside, (edge_before.id, edge_after.id))
-
-
 @dataclass(frozen=True, slots=True)
 class Place:
     """The place of a pose relative to a line."""
 
     position: Position
-    """Position on the metric graph."""
     station: float
     """Station along the track, or along the segment if there is no track [m]."""
     offset: float
@@ -177,12 +170,7 @@ class Track:
             station += segment.length
 
     def project(self, pose: Pose, near: float, window: float = 5.0) -> Place:
-        """Project a pose on the track, in a window around station `near`.
-
-        Args:
-            near: the station in the middle of the window [m].
-            window: half the length of the window [m].
-        """
+        """Project a pose on the track, within `window` of station `near` [m]."""
         station, offset = self.path.project(pose.x, pose.y, near, window)
         error = math.remainder(pose.heading - self.path.pose(station).heading, math.tau)
         return Place(self.position(station), station, offset, error)
@@ -204,18 +192,18 @@ class Locator:
     def __init__(self, segments: Iterable[Segment]) -> None:
         self._cells: dict[tuple[int, int], list[tuple[Segment, int]]] = {}
         for segment in segments:
-            points = segment.points.tolist()
-            for i in range(len(points) - 1):
-                for cell in _cells_between(points[i], points[i + 1]):
+            for i, ((x, y), (u, v)) in enumerate(pairwise(segment.points.tolist())):
+                # A cell that the straight piece passes and that is left out is a neighbour of one of these cells.
+                steps = max(1, math.ceil(math.dist((x, y), (u, v)) / (_CELL / 2)))
+                cells = {
+                    (math.floor((x + (u - x) * k / steps) / _CELL), math.floor((y + (v - y) * k / steps) / _CELL))
+                    for k in range(steps + 1)
+                }
+                for cell in cells:
                     self._cells.setdefault(cell, []).append((segment, i))
 
     def locate(self, pose: Pose, reach: float = 4.0, turn: float = math.pi / 2) -> list[Place]:
-        """Return the places of a pose near a line and heading along the line, the best first.
-
-        Args:
-            reach: largest distance from the line [m].
-            turn: largest heading error [rad].
-        """
+        """Return the places of a pose within `reach` of a line [m] and heading along it within `turn` [rad], the best first."""
         if not all(map(math.isfinite, pose)):
             raise MapError(f"a pose needs finite coordinates and heading, got {tuple(pose)}")
         if not 0 < reach <= _REACH:
@@ -224,33 +212,16 @@ class Locator:
         best: dict[str, tuple[float, Place]] = {}
         for cell in ((column + i, row + k) for i in (-1, 0, 1) for k in (-1, 0, 1)):
             for segment, i in self._cells.get(cell, ()):
-                distance, place = _piece(segment, i, pose)
-                cost = distance + _PER_RADIAN * abs(place.heading_error)
-                if distance <= reach and abs(place.heading_error) <= turn and cost < best.get(segment.id, (math.inf,))[0]:
+                start = float(segment.stations[i])
+                length = float(segment.stations[i + 1]) - start
+                (x, y), (u, v) = segment.points[i].tolist(), segment.points[i + 1].tolist()
+                ux, uy = (u - x) / length, (v - y) / length
+                along = min(max((pose.x - x) * ux + (pose.y - y) * uy, 0.0), length)
+                dx, dy = pose.x - x - along * ux, pose.y - y - along * uy
+                distance = math.hypot(dx, dy)
+                error = math.remainder(pose.heading - math.atan2(uy, ux), math.tau)
+                cost = distance + _PER_RADIAN * abs(error)
+                if distance <= reach and abs(error) <= turn and cost < best.get(segment.id, (math.inf,))[0]:
+                    place = Place(Position(segment.id, start + along), start + along, ux * dy - uy * dx, error)
                     best[segment.id] = cost, place
         return [place for _, place in sorted(best.values(), key=lambda entry: (entry[0], entry[1].position.segment))]
-
-
-def _cells_between(start: Sequence[float], end: Sequence[float]) -> set[tuple[int, int]]:
-    """Return cells that a straight piece passes. A passed cell that is left out is a neighbour of a returned cell."""
-    steps = max(1, math.ceil(math.dist(start, end) / (_CELL / 2)))
-    return {
-        (
-            math.floor((start[0] + (end[0] - start[0]) * k / steps) / _CELL),
-            math.floor((start[1] + (end[1] - start[1]) * k / steps) / _CELL),
-        )
-        for k in range(steps + 1)
-    }
-
-
-def _piece(segment: Segment, i: int, pose: Pose) -> tuple[float, Place]:
-    """Return the distance of `pose` from piece `i` of a segment, and the place of the pose relative to this piece."""
-    start = float(segment.stations[i])
-    length = float(segment.stations[i + 1]) - start
-    (x, y), (u, v) = segment.points[i].tolist(), segment.points[i + 1].tolist()
-    ux, uy = (u - x) / length, (v - y) / length
-    along = (pose.x - x) * ux + (pose.y - y) * uy
-    along = min(max(along, 0.0), length)
-    dx, dy = pose.x - x - along * ux, pose.y - y - along * uy
-    error = math.remainder(pose.heading - math.atan2(uy, ux), math.tau)
-    return math.hypot(dx, dy), Place(Position(segment.id, start + along), start + along, ux * dy - uy * dx, error)

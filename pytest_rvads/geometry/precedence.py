@@ -73,7 +73,6 @@ class Precedence:
     starts: Sequence[Entrance]
     """The starts of all ways, the entrances first."""
     ways: Mapping[Key, Way]
-    """All ways by their keys."""
     right_of: Collection[tuple[int, int]]
     opposite: Collection[tuple[int, int]]
     stated: Collection[tuple[Key, Key]]
@@ -82,7 +81,6 @@ class Precedence:
     """Pairs of movements of which, according to the map, the first joins the second."""
     left_hand: bool
     all_way_stop: bool
-    """Whether all entrances have stop signs."""
 
     @cached_property
     def _poses(self) -> Mapping[int, Pose]:
@@ -132,10 +130,6 @@ class Precedence:
                 return None
         elif start.sign is other_start.sign is Sign.LIGHTS:
             return None
-        return self._among_equals(key, other_key)
-
-    def _among_equals(self, key: Key, other_key: Key) -> Reason | None:
-        entrance, other_entrance = key[0], other_key[0]
         if not self.all_way_stop:  # at an all-way stop, lanes that come together take turns like other lanes
             if (key, other_key) in self.joining or (other_key, key) in self.joining:
                 return Reason.MERGE if (key, other_key) in self.joining else None

@@ -17,7 +17,7 @@ import networkx as nx
 import numpy as np
 
 from pytest_rvads.geometry.analysis import JunctionReport, analyse, cut, joints_of, lifted
-from pytest_rvads.geometry.arms import FEWEST, MOST, RoadArm
+from pytest_rvads.geometry.arms import FEWEST, MOST
 from pytest_rvads.geometry.conflicts import Stretch
 from pytest_rvads.geometry.control import MapObject, ObjectKind, sign_of_arm
 from pytest_rvads.geometry.crosswalk_arms import lay
@@ -30,7 +30,7 @@ from pytest_rvads.geometry.paths import Locator, Track, walk
 from pytest_rvads.geometry.precedence import Reason
 from pytest_rvads.geometry.segment import Segment, join
 from pytest_rvads.geometry.turns import turn_word
-from pytest_rvads.geometry.ways import Entrance, Exit, Key, Movement
+from pytest_rvads.geometry.ways import Entrance, Exit, Movement
 from pytest_rvads.support.errors import MapError, suggest
 from pytest_rvads.support.installed import entries, load
 from pytest_rvads.support.wording import plural
@@ -45,7 +45,6 @@ class RoadMap:
 
     path: str
     graph: MetricGraph
-    """The metric graph of all drivable lanes."""
     junctions: tuple[JunctionReport, ...]
     """Reports of the junctions that the file declares, usable or not, in file order."""
     warnings: tuple[MapWarning, ...]
@@ -61,8 +60,18 @@ class RoadMap:
     @cached_property
     def bends(self) -> tuple[MapWarning, ...]:
         """Warnings about movements on which no car keeps its lane, one per junction; computed at the first use."""
-        usable = ((report.id, self._cut(report, report.id, roads=True).tight) for report in self.junctions if report.usable)
-        return tuple(MapWarning(Doubt.BEND, _bend(id, tight), None, id) for id, tight in usable if tight)
+        warnings = []
+        for report in self.junctions:
+            tight = self._cut(report, report.id, roads=True).tight if report.usable else {}
+            if tight:
+                entrance, exit = min(tight, key=tight.__getitem__)
+                more = f"; nor on {plural(len(tight) - 1, 'more movement')}" if len(tight) > 1 else ""
+                message = (
+                    f"no path of its rear axle keeps a usual car in its lane on the movement from entrance {entrance} to exit "
+                    f"{exit} of junction {report.id!r}, which bends with a radius of {tight[entrance, exit]:.1f} m{more}"
+                )
+                warnings.append(MapWarning(Doubt.BEND, message, None, report.id))
+        return tuple(warnings)
 
     @cached_property
     def locator(self) -> Locator:
@@ -199,7 +208,6 @@ Reader = Callable[[str | os.PathLike[str]], Network]
 
 
 def _read_by_entry_point(name: str, path: str | os.PathLike[str]) -> Network:
-    """Read a map file with the reader of entry point `name`."""
     network: Network = load("maps", name)(path)
     return network
 
@@ -221,18 +229,7 @@ def read_file(path: str | os.PathLike[str]) -> Network:
 
 def _clustered(graph: MetricGraph) -> MetricGraph:
     """Return a metric graph in which each cluster of junctions with `FEWEST` to `MOST` arms in all is one junction."""
-    names = _cluster_names(graph.network)
-    if not names:
-        return graph
-    merged = MetricGraph(_with_clusters(graph.network, names))
-    fitting = {name for name in set(names.values()) if FEWEST <= len(cut(merged, name).arms) <= MOST}
-    if fitting == set(names.values()):
-        return merged
-    return MetricGraph(_with_clusters(graph.network, {id: name for id, name in names.items() if name in fitting}))
-
-
-def _cluster_names(network: Network) -> dict[str, str]:
-    """Return, per junction of a cluster, the name of the cluster: the ids of its junctions in file order."""
+    network = graph.network
     beside = nx.Graph()
     for edge, next_edge in network.links.edges:
         junction, next_junction = network.edges[edge].junction, network.edges[next_edge].junction
@@ -240,7 +237,15 @@ def _cluster_names(network: Network) -> dict[str, str]:
             beside.add_edge(junction, next_junction)
     order = {id: k for k, id in enumerate(network.junctions)}
     clusters = [sorted(group, key=order.__getitem__) for group in nx.connected_components(beside)]
-    return {id: "+".join(group) for group in clusters for id in group}
+    # Per junction of a cluster, the name of the cluster: the ids of its junctions in file order.
+    names = {id: "+".join(group) for group in clusters for id in group}
+    if not names:
+        return graph
+    merged = MetricGraph(_with_clusters(network, names))
+    fitting = {name for name in set(names.values()) if FEWEST <= len(cut(merged, name).arms) <= MOST}
+    if fitting == set(names.values()):
+        return merged
+    return MetricGraph(_with_clusters(network, {id: name for id, name in names.items() if name in fitting}))
 
 
 def _with_clusters(network: Network, names: Mapping[str, str]) -> Network:
@@ -281,22 +286,6 @@ def describe(road_map: RoadMap) -> dict[str, Any]:
     }
 
 
-def _bend(id: str, tight: Mapping[Key, float]) -> str:
-    """Return the warning about the movements of a junction on which no car keeps its lane; it names the tightest movement."""
-    entrance, exit = min(tight, key=tight.__getitem__)
-    more = f"; nor on {plural(len(tight) - 1, 'more movement')}" if len(tight) > 1 else ""
-    return (
-        f"no path of its rear axle keeps a usual car in its lane on the movement from entrance {entrance} to exit {exit} of "
-        f"junction {id!r}, which bends with a radius of {tight[entrance, exit]:.1f} m{more}"
-    )
-
-
-def _limits(arm: RoadArm, edges: Mapping[str, Edge]) -> list[float]:
-    """Return the speed limits that the map states for the lanes of an arm at the junction, in ascending order [m/s]."""
-    stated = [*(edges[lane].limits[-1:] for lane in arm.entrances), *(edges[lane].limits[:1] for lane in arm.exits)]
-    return sorted({round(limit, 4) for limits in stated for _, limit in limits if limit is not None})
-
-
 def _describe(
     report: JunctionReport, junction: Junction | None, edges: Mapping[str, Edge], crosswalks: Sequence[Crosswalk]
 ) -> dict[str, Any]:
@@ -307,6 +296,11 @@ def _describe(
     by_arm = {i: [k for k, end in enumerate(report.entrances) if end.arm == i] for i in range(report.ways)}
     conflicts, yields = (junction.conflicts or (), junction.yields or {}) if junction else ((), {})
     undecided = {pair for pair, reason in yields.items() if reason is Reason.UNDECIDED}
+    # Per arm, the speed limits of its lanes at the junction [m/s].
+    speed_limits = []
+    for arm in report.arms:
+        stated = [*(edges[lane].limits[-1:] for lane in arm.entrances), *(edges[lane].limits[:1] for lane in arm.exits)]
+        speed_limits.append(sorted({round(limit, 4) for limits in stated for _, limit in limits if limit is not None}))
     return {
         "id": report.id,
         "ways": report.ways,
@@ -331,7 +325,7 @@ def _describe(
                 "entrances": len(arm.entrances),
                 "exits": len(arm.exits),
                 "control": sign_of_arm([report.signs[k] for k in by_arm[i]]).value,
-                "speed_limits": _limits(arm, edges),
+                "speed_limits": speed_limits[i],
             }
             for i, arm in enumerate(report.arms)
         ],

@@ -123,43 +123,23 @@ class Segment:
         return Pose(x + along * ux, y + along * uy, heading)
 
     def piece(self, station: float) -> tuple[float, float, float, float, float, float, float]:
-        """Return the straight piece of the line at `station` [m].
-
-        Returns:
-            Start and end station [m], start point x and y [m], unit vector x and y, heading [rad].
-        """
+        """Return the piece at `station` [m]: start and end station, start point x, y [m], unit vector x, y, heading [rad]."""
         stations, pieces = self._table or self._build_table()
         i = bisect_right(stations, station, 1, len(pieces)) - 1
         return stations[i], stations[i + 1], *pieces[i]
 
     def centre(self, along: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return points of the line and unit vectors along the line.
-
-        Args:
-            along: stations, shape ``(k,)`` [m].
-
-        Returns:
-            Points [m] and unit vectors, each of shape ``(k, 2)``.
-        """
+        """Return points of the line [m] and unit vectors along it at stations [m], each of shape ``(k, 2)``."""
         points, arc = self.points, self.stations
         piece = np.searchsorted(arc[1:-1], along, side="right")
         ahead = directions(self)[piece]
         return points[piece] + (along - arc[piece])[:, None] * ahead, ahead
 
     def project(self, x: float, y: float, near: float, window: float = 5.0) -> tuple[float, float]:
-        """Project a point on the part of the line around a station.
+        """Return the station and the offset (left positive) of the nearest point of the line within `window` of `near` [m].
 
-        Only a part of the line is searched because lines in a junction cross themselves.
-
-        Args:
-            x: east coordinate [m].
-            y: north coordinate [m].
-            near: station in the middle of the part [m].
-            window: length of the part before and after this station [m].
-
-        Returns:
-            Station and lateral offset (left positive) of the nearest point [m]. Beyond its ends the line continues straight, so
-            stations can be negative or exceed the length.
+        Only this part is searched because lines in a junction cross themselves. Beyond its ends the line continues straight, so
+        stations can be negative or exceed the length.
         """
         stations, pieces = self._table or self._build_table()
         last = len(pieces) - 1
@@ -233,6 +213,16 @@ def join(segments: Sequence[Segment]) -> Segment | None:
     if any(gap > GAP_LIMIT for gap in gaps):
         return None
     junctions = {s.junction for s in segments}
+    # A gap between two segments belongs to the first segment. In a junction without a limit the limit of the approach continues.
+    limits: list[tuple[float, float | None]] = []
+    start = 0.0
+    for before, segment in pairwise((segments[0], *segments)) if any(segment.limits for segment in segments) else ():
+        if limits:
+            start += before.length + math.dist(before.points[-1], segment.points[0])
+        continues = limits and segment.junction is not None
+        for at, limit in segment.limits or (() if continues else ((0.0, None),)):
+            if not limits or limits[-1][1] != limit:
+                limits.append((start + at, limit))
     # Lanes that meet within a centimetre are joined in one point, because a step of a millimetre can point in any direction.
     parts = [segments[0].points]
     parts += [segment.points[gap < _WELD :] for gap, segment in zip(gaps, segments[1:], strict=True)]
@@ -241,35 +231,12 @@ def join(segments: Sequence[Segment]) -> Segment | None:
         np.vstack(parts),
         next((s.turn for s in segments if s.junction is not None), Turn.STRAIGHT),
         junctions.pop() if len(junctions) == 1 else None,
-        _joined_limits(segments),
+        tuple(limits),
     )
 
 
-def _joined_limits(segments: Sequence[Segment]) -> Limits:
-    """Return the speed limits along consecutive segments.
-
-    A gap between two segments belongs to the first segment. In a junction without a limit the limit of the approach continues.
-    """
-    if not any(segment.limits for segment in segments):
-        return ()
-    limits: list[tuple[float, float | None]] = []
-    start = 0.0
-    for before, segment in pairwise((segments[0], *segments)):
-        if limits:
-            start += before.length + math.dist(before.points[-1], segment.points[0])
-        continues = limits and segment.junction is not None
-        for at, limit in segment.limits or (() if continues else ((0.0, None),)):
-            if not limits or limits[-1][1] != limit:
-                limits.append((start + at, limit))
-    return tuple(limits)
-
-
 def least_radius(points: NDArray[np.float64]) -> float:
-    """Return the least radius of a line of points over a length of `_CHORD`, or over the whole line if it is shorter [m].
-
-    Args:
-        points: points of the line, shape ``(points, 2)`` [m].
-    """
+    """Return the least radius of a line of points over a length of `_CHORD`, or over the whole line if it is shorter [m]."""
     steps = np.diff(points, axis=0)
     lengths = np.hypot(steps[:, 0], steps[:, 1])
     steps, lengths = steps[lengths > 0.0], lengths[lengths > 0.0]

@@ -98,7 +98,6 @@ class Course(NamedTuple):
 
 
 CAR = Body(4.6, 1.86, 3.65, LEAST_RADIUS)
-"""A usual car."""
 
 
 @lru_cache(maxsize=256)
@@ -217,12 +216,19 @@ class Sweep:
 
     def relax(self, offsets: Array) -> Array:
         """Return the offsets of the best path found by a descent from given `offsets` [m]."""
-        damping, damped = 1.0, True
+        damping, damped, station = 1.0, True, np.arange(len(offsets))
         nearest = self.nearest(self.way(offsets))
         best = self.errors(offsets, nearest)
         cost = float((best * best).sum())
         for _ in range(ROUNDS):
-            slopes = self._slopes(offsets, best, nearest)
+            # The derivatives of a station's errors by the offsets around it, shape ``(stations, errors, BAND)`` [1/m].
+            slopes = np.zeros((*best.shape, BAND))
+            for colour in range(BAND):
+                moved = np.zeros(len(offsets))
+                moved[colour::BAND] = _NUDGE
+                moved[~self.free] = 0.0
+                change = (self.errors(offsets + moved, nearest) - best) / _NUDGE
+                slopes[station, :, (colour - station + BAND // 2) % BAND] = change
             bands = normal_bands(slopes)
             force = pull(slopes, best)
             for _ in range(12):
@@ -241,25 +247,9 @@ class Sweep:
                 break
         return offsets
 
-    def _slopes(self, offsets: Array, errors: Array, nearest: NDArray[np.int64]) -> Array:
-        """Return the derivatives of a station's errors by the offsets around it, shape ``(stations, errors, BAND)`` [1/m]."""
-        station = np.arange(len(offsets))
-        slopes = np.zeros((*errors.shape, BAND))
-        for colour in range(BAND):
-            moved = np.zeros(len(offsets))
-            moved[colour::BAND] = _NUDGE
-            moved[~self.free] = 0.0
-            change = (self.errors(offsets + moved, nearest) - errors) / _NUDGE
-            slopes[station, :, (colour - station + BAND // 2) % BAND] = change
-        return slopes
-
 
 def with_roads(course: Course, start: float, body: Body) -> Course:
-    """Return a course that reaches far enough to hold the bends of the roads in which a body would leave its lane.
-
-    Args:
-        start: station of the front from which on the approach counts [m].
-    """
+    """Return a course that holds the bends in which a body would leave its lane, on the approach from station `start` on [m]."""
     start = max(start, -course.origin)
     whole = Sweep(course._replace(start=start, behind=math.inf), body, MARGIN, RESERVE)
     judged, _ = whole.over(whole.centre, whole.nearest(whole.centre))

@@ -179,11 +179,7 @@ def cross(
     approaches: Sequence[Segment] = (),
     roads: Sequence[Segment] = (),
 ) -> tuple[tuple[Entrance, ...], tuple[Exit, ...]]:
-    """Return the entrances and exits of a junction with one lane per arm.
-
-    Args:
-        setbacks: per arm, distance of the stopping line before the entrance vertex [m]; 0 by default.
-    """
+    """Return the entrances and exits of a junction with one lane per arm; setbacks of stopping lines [m] are 0 by default."""
     phases = {entrance: number for number, group in enumerate(phase_groups) for entrance in group}
     return (
         tuple(
