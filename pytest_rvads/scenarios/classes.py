@@ -15,7 +15,7 @@ remaining movements of the scenario are chosen so that each movement adds as man
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from itertools import accumulate, combinations, combinations_with_replacement, product
 from operator import index
 
@@ -108,18 +108,19 @@ def pairs_at(place: Junction, *, conflicting: bool = False) -> tuple[Pair, ...]:
 def covering(
     place: Junction, orbits: Orbits, seat: int | None = None, *, conflicting: bool = False, walked: bool = False
 ) -> tuple[Directions, ...]:
-    """Return a list of scenarios in which every possible pair of movements occurs.
+    """Return a list of scenarios in which every possible pair of movements occurs, all with a vehicle at entrance `seat`, if any.
 
     Movements on which no car can keep its lane (`Junction.tight`) are left out. An arm or lane with only such movements has no
     vehicle.
-
-    Args:
-        seat: an entrance with a vehicle in all returned scenarios; None for no such entrance.
     """
     required = frozenset(pairs_at(place, conflicting=conflicting))
     slots = _placed(place, orbits, seat)
     moves = [[_movement(place, first, letter) for letter in letters] for first, letters in slots]
-    missing = dict.fromkeys(pair for pair in _choices(moves) if _pair_of(moves, *pair) in required)
+    missing: dict[tuple[_Choice, _Choice], None] = {}
+    for i, j in combinations(range(len(moves)), 2):
+        for (rank, key), (later_rank, later_key) in product(enumerate(moves[i]), enumerate(moves[j])):
+            if (key, later_key) in required:
+                missing[(i, rank), (j, later_rank)] = None
     if walked:  # a movement is missing as a pair with itself
         over = {key for _, key in place.covers if seat in (None, key[0])}
         single = [(slot, rank) for slot, keys in enumerate(moves) for rank, key in enumerate(keys) if key in over]
@@ -167,32 +168,19 @@ def _movement(place: Junction, first: int, letter: Directions) -> Key | None:
     return next((place.leads(first + k, direction).key for k, direction in enumerate(letter) if direction), None)
 
 
-def _choices(moves: Sequence[Sequence[object]]) -> Iterator[tuple[_Choice, _Choice]]:
-    for i, j in combinations(range(len(moves)), 2):
-        yield from product(((i, rank) for rank in range(len(moves[i]))), [(j, rank) for rank in range(len(moves[j]))])
-
-
-def _pair_of(moves: Sequence[Sequence[Key | None]], choice: _Choice, later: _Choice) -> Pair | None:
-    """Return the movements of two vehicles on different arms or lanes, in the order of their entrances."""
-    first, second = moves[choice[0]][choice[1]], moves[later[0]][later[1]]
-    return None if first is None or second is None else (first, second)
-
-
 def _row(sizes: Sequence[int], missing: Collection[tuple[_Choice, _Choice]]) -> list[int]:
     """Return a scenario with the first missing pair, and in the other slots the directions that add most missing pairs.
 
     The scenario is given per slot (arm or lane), by the number of a direction among the possible directions in the slot.
     """
     row = dict(next(iter(missing)))
+
+    def gain(choice: _Choice) -> tuple[int, int, int]:
+        pairs = ((choice, chosen) if choice < chosen else (chosen, choice) for chosen in row.items())
+        return sum(pair in missing for pair in pairs), -choice[0], -choice[1]
+
     while len(row) < len(sizes):
-        best = max(
-            ((slot, rank) for slot, size in enumerate(sizes) if slot not in row for rank in range(size)),
-            key=lambda choice: (_new_pairs(choice, row.items(), missing), -choice[0], -choice[1]),
-        )
-        row[best[0]] = best[1]
+        free = ((slot, rank) for slot, size in enumerate(sizes) if slot not in row for rank in range(size))
+        slot, rank = max(free, key=gain)
+        row[slot] = rank
     return [row[slot] for slot in range(len(sizes))]
-
-
-def _new_pairs(choice: _Choice, chosen: Iterable[_Choice], missing: Collection[tuple[_Choice, _Choice]]) -> int:
-    """Return the number of missing pairs of movements that a choice adds to those already chosen."""
-    return sum(((choice, letter) if choice < letter else (letter, choice)) in missing for letter in chosen)

@@ -65,10 +65,7 @@ class Configuration:
 
         On an approach that is too short for its vehicle, the vehicle starts as far from the line as the approach allows. If the
         subject starts nearer for this reason, the other vehicles start nearer by the same distance, but at least `_NEAREST`
-        before their lines.
-
-        Args:
-            rooms: length of the approach of every entrance, before rotation [m].
+        before their lines. The rooms are the lengths of the approaches before rotation [m].
         """
         if not self.staggered:
             return self
@@ -81,12 +78,26 @@ class Configuration:
 def configuration(label: str, entrances: int, control: JunctionControl = JunctionControl.STOP) -> Configuration:
     """Return the configuration called `label` for `entrances` entrances of a junction with a given control.
 
-    Args:
-        label: a letter of the paper, A to J; or for a staggered configuration ``S`` and the distance of the other vehicles [m],
-            or a distance per entrance, counter-clockwise from the subject: ``S26_56_56``.
+    The label is a letter of the paper, A to J; or for a staggered configuration ``S`` and the distance of the other vehicles [m],
+    or a distance per entrance, counter-clockwise from the subject: ``S26_56_56``.
     """
     if not _STAGGERED_LABEL.fullmatch(label):
-        return _of_paper(label, entrances)
+        first = (entrances + 1) // 2
+        near, close, far = (_NEAR,) * entrances, (_CLOSE,) * entrances, (_FAR,) * entrances
+        distances = {
+            **dict.fromkeys("AF", near),
+            **dict.fromkeys("BG", close),
+            **dict.fromkeys("CHDI", far),
+            "E": (_CLOSE,) * first + (_FAR,) * (entrances - first),
+            "J": tuple(_CLOSE if i % 2 else _FAR for i in range(entrances)),
+        }
+        if label not in distances:
+            hint = suggest(label.upper(), distances)
+            raise ScenarioError(
+                f"unknown configuration {label!r}: the paper's are A..J, staggered ones are such as S21, or give distances= and "
+                f"speeds={hint}"
+            )
+        return Configuration(label, distances[label], (_FAST if label in "DI" else 0.0,) * entrances)
     of_subject, _ = _AT_STOPS if control is JunctionControl.STOP else _ELSEWHERE
     of_traffic = [float(number) for number in label[1:].split("_")]
     of_traffic *= entrances - 1 if len(of_traffic) == 1 else 1
@@ -95,32 +106,12 @@ def configuration(label: str, entrances: int, control: JunctionControl = Junctio
     return Configuration(label, (float(of_subject), *of_traffic), (_STAGGERED_SPEED,) * entrances, staggered=True)
 
 
-def _of_paper(letter: str, entrances: int) -> Configuration:
-    first = (entrances + 1) // 2
-    near, close, far = (_NEAR,) * entrances, (_CLOSE,) * entrances, (_FAR,) * entrances
-    distances = {
-        **dict.fromkeys("AF", near),
-        **dict.fromkeys("BG", close),
-        **dict.fromkeys("CHDI", far),
-        "E": (_CLOSE,) * first + (_FAR,) * (entrances - first),
-        "J": tuple(_CLOSE if i % 2 else _FAR for i in range(entrances)),
-    }
-    if letter not in distances:
-        hint = suggest(letter.upper(), distances)
-        raise ScenarioError(
-            f"unknown configuration {letter!r}: the paper's are A..J, staggered ones are such as S21, or give distances= and "
-            f"speeds={hint}"
-        )
-    return Configuration(letter, distances[letter], (_FAST if letter in "DI" else 0.0,) * entrances)
-
-
 def grid(names: str | Iterable[str], entrances: int, control: JunctionControl) -> tuple[Configuration, ...]:
-    """Return the configurations of a named grid.
+    """Return the configurations of a named grid, or of several.
 
-    Args:
-        names: ``"paper"`` for the paper's five configurations of `control` (those of stops, if the control is neither stop nor
-            lights), ``"staggered"`` for all staggered configurations, ``"arrivals"`` for the default of tests with a subject, the
-            label of a staggered configuration, a string of letters, or a sequence of these.
+    A name is ``"paper"`` for the paper's five configurations of `control` (those of stops, if the control is neither stop nor
+    lights), ``"staggered"`` for all staggered configurations, ``"arrivals"`` for the default of tests with a subject, the label
+    of a staggered configuration, or a string of letters.
     """
     letters, stop = PAPER.get(control, PAPER[JunctionControl.STOP]), control is JunctionControl.STOP
     _, staggered = _AT_STOPS if stop else _ELSEWHERE
@@ -146,11 +137,9 @@ Axis = float | tuple[float, ...] | list[float | tuple[float, ...]]
 
 
 def explicit(distances: Axis, speeds: Axis, entrances: int) -> tuple[Configuration, ...]:
-    """Return the product of explicit distances and speeds.
+    """Return the product of explicit distances [m] and speeds [m/s].
 
-    Args:
-        distances: a number for all entrances [m], a tuple with one number per entrance, or a list of such numbers and tuples.
-        speeds: a number for all entrances [m/s], a tuple with one number per entrance, or a list of such numbers and tuples.
+    Either is a number for all entrances, a tuple with one number per entrance, or a list of such numbers and tuples.
     """
     points = product(_points("distances", distances, entrances), _points("speeds", speeds, entrances))
     return tuple(Configuration(explicit_label(d, v), d, v) for d, v in points)

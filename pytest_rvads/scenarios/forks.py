@@ -33,7 +33,6 @@ class Fork(NamedTuple):
     """Two entrances, the lower number first, whose approaches begin on one common lane."""
 
     entrances: tuple[int, int]
-    """Numbers of the two entrances."""
     distances: tuple[float, float]
     """Distances before the two stopping lines at which the lanes part [m]; negative behind the line."""
 

@@ -126,7 +126,6 @@ def _numbers(text: str | None) -> float | tuple[float, ...]:
 
 
 def _walkers(text: str | None) -> tuple[Pedestrian, ...]:
-    """Return the pedestrians of a label."""
     parts = [_WALKER.fullmatch(part) for part in text.split("_")] if text else []
     if not all(parts):
         raise ScenarioError(f"{text!r:.100} is no label of pedestrians, expected such as 1n.steady.e0.50")

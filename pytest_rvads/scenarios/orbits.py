@@ -143,13 +143,15 @@ class Orbits:
         if word is None:
             return 0
         length = self.blocks
+        # Length of the longest proper prefix of the word that is a suffix of the word as well.
+        border = next(k for k in range(length - 1, -1, -1) if word[:k] == word[length - k :])
         step = [[0] * length for _ in range(length)]
         for state, letter in enumerate(word):
-            step[state][state + 1 if state + 1 < length else _border(word)] += 1
+            step[state][state + 1 if state + 1 < length else border] += 1
             step[state][0] += self._top - letter
-        powers = [step]
+        powers, columns = [step], list(zip(*step, strict=True))
         for _ in range(length - 1):
-            powers.append(_times(powers[-1], step))
+            powers.append([[sum(a * b for a, b in zip(row, c, strict=True)) for c in columns] for row in powers[-1]])
         traces = [sum(power[k][k] for k in range(length)) for power in powers]
         not_smaller = sum(traces[gcd(r, length) - 1] for r in range(1, length + 1)) // length
         return self.count - not_smaller + 1
@@ -225,13 +227,3 @@ def _letters(lanes: Sequence[Directions], partial: bool) -> tuple[Directions, ..
     nobody = (0,) * len(lanes)
     occupied = [(*nobody[:k], direction, *nobody[k + 1 :]) for k, lane in enumerate(lanes) for direction in lane]
     return tuple(sorted(occupied if occupied and not partial else [nobody, *occupied]))
-
-
-def _border(word: Sequence[int]) -> int:
-    """Return the length of the longest proper prefix of `word` that is a suffix of `word` as well."""
-    return next(k for k in range(len(word) - 1, -1, -1) if word[:k] == word[len(word) - k :])
-
-
-def _times(matrix: list[list[int]], factor: list[list[int]]) -> list[list[int]]:
-    columns = list(zip(*factor, strict=True))
-    return [[sum(a * b for a, b in zip(row, column, strict=True)) for column in columns] for row in matrix]

@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from pytest_rvads.drivers.walking import KERB, STRIDE, behaviour
-from pytest_rvads.geometry.conflicts import Shared
 from pytest_rvads.geometry.crosswalks import PERSON, SIDEWALK, Parking, Side
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.runs.states import Agent, Colour, Kind, Vehicle
@@ -127,12 +126,7 @@ def _agents(place: Junction, pedestrians: Sequence[Pedestrian], number: int) -> 
 
 
 def arrival(distance: float, speed: float) -> float:
-    """Return the time in which a vehicle drives a distance [s]; see the module for its speed.
-
-    Args:
-        distance: the distance [m]; negative for a place that the vehicle has passed.
-        speed: speed of the vehicle at the start [m/s].
-    """
+    """Return the time [s] in which a vehicle that starts at a speed [m/s] drives a distance [m], negative for a passed place."""
     pace = max(speed, CRUISE)
     rising = (pace * pace - speed * speed) / (2.0 * PULL)
     if distance <= 0.0 or rising <= 0.0:
@@ -151,20 +145,23 @@ def settings(
     """Return where and when the agents of `cast_of` start, in the same order.
 
     A pedestrian who looks at the kerb before going, or whose light forbids to go when the run begins, starts before the kerb.
-
-    Args:
-        vehicles: the vehicles with their stations [m] and speeds [m/s] at the start, the vehicle under test first.
+    The vehicles come with their stations [m] and speeds [m/s] at the start, the vehicle under test first.
     """
     rows = []
     for number, walker in enumerate(pedestrians):
         agents, manner = tuple(_agents(place, pedestrians, number)), behaviour(walker.behaviour)
-        meeting = _meeting(place, agents[0], vehicles)
-        if meeting is None:
+        # The first vehicle that crosses the way of the pedestrian, and the time of its arrival there [s].
+        for vehicle, start, pace_at_start in vehicles:
+            shared = (place.stretches or {}).get((vehicle.way.key, agents[0].way.key))
+            if shared:
+                reached = arrival(shared.mine.start - start, pace_at_start)
+                break
+        else:
             raise ScenarioError(
                 f"no vehicle of the scenario drives over crosswalk {walker.crossing} of junction {place.name!r}, so nobody can "
                 "meet a pedestrian there: choose another crosswalk or other directions"
             )
-        (shared, reached), speed, length = meeting, manner.speed, agents[0].way.length
+        speed, length = manner.speed, agents[0].way.length
         station = shared.yours.start - speed * (reached + walker.difference)
         crossed = (shared.yours.start - length) / speed - reached
         if manner.kerb or (lights and manner.obeys(lights[agents[0].entrance])):
@@ -184,11 +181,3 @@ def settings(
             else:
                 rows.append(Setting(agent, begin - k * _APART, pace, delay, walker.behaviour, k * _APART, crossed))
     return tuple(rows)
-
-
-def _meeting(place: Junction, walker: Agent, vehicles: Sequence[tuple[Agent, float, float]]) -> tuple[Shared, float] | None:
-    """Return what the first vehicle that crosses the way of a pedestrian shares with it, and the time of its arrival [s]."""
-    for agent, station, speed in vehicles:
-        if shared := (place.stretches or {}).get((agent.way.key, walker.way.key)):
-            return shared, arrival(shared.mine.start - station, speed)
-    return None

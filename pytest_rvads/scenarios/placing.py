@@ -50,8 +50,7 @@ def placed(
 ) -> tuple[tuple[float, float], ...]:
     """Return the starts of vehicles with their followers, see `Scenario.starts` for gaps and errors.
 
-    Args:
-        starts: per vehicle, distance [m] and speed [m/s] of the first vehicle at its entrance.
+    `starts` has per vehicle the distance [m] and speed [m/s] of the first vehicle at its entrance.
     """
     rows: list[_Start] = []
     for agent, body, (distance, speed) in zip(agents, bodies, starts, strict=True):
@@ -67,13 +66,12 @@ def placed(
             )
         rows.append(_Start(agent.name, agent.way.key, body, distance, speed))
     if near(place):
-        _check_forks(place, rows)
-        _check_bodies(place, rows)
+        _check_apart(place, rows)
     return tuple((row.distance, row.speed) for row in rows)
 
 
-def _check_forks(place: Junction, starts: Sequence[_Start]) -> None:
-    """Check that vehicles from entrances with a common lane start behind each other on that lane."""
+def _check_apart(place: Junction, starts: Sequence[_Start]) -> None:
+    """Check that vehicles on a common lane start behind each other, and that vehicles on converging approaches do not touch."""
     for (first, second), (parting, second_parting) in forks(place):
         # Distances upstream of the place where the lanes part; a vehicle beyond this place is not in the common lane.
         lane = [(s.distance - parting, s) for s in starts if s.entrance == first] + [
@@ -90,19 +88,16 @@ def _check_forks(place: Junction, starts: Sequence[_Start]) -> None:
                     "vehicles"
                 )
 
-
-def _check_bodies(place: Junction, starts: Sequence[_Start]) -> None:
-    """Check that vehicles on converging approaches do not touch."""
     ways = [itinerary(place, *start.way) for start in starts]
     bodies = [
         (np.array([way.placed(way.start(s.distance), s.body.rear_axle_offset)]), (s.body.length, s.body.width))
         for way, s in zip(ways, starts, strict=True)
     ]
-    for (first, body), (second, other_body) in combinations(zip(starts, bodies, strict=True), 2):
-        if (first.entrance, second.entrance) in near(place) and touch([body, other_body]):
+    for (start, body), (other, other_body) in combinations(zip(starts, bodies, strict=True), 2):
+        if (start.entrance, other.entrance) in near(place) and touch([body, other_body]):
             raise ScenarioError(
-                f"{first.name} and {second.name} would start inside each other, where the approaches of entrances "
-                f"{first.entrance} and {second.entrance} of junction {place.name!r} converge: choose other distances, or fewer "
+                f"{start.name} and {other.name} would start inside each other, where the approaches of entrances "
+                f"{start.entrance} and {other.entrance} of junction {place.name!r} converge: choose other distances, or fewer "
                 "vehicles"
             )
 
@@ -126,13 +121,9 @@ def started(point: Configuration, place: Junction, rotation: int, subject: int |
 
 
 def fastest_start(place: Junction, entrance: int, distance: float, queue: float = 0.0) -> float:
-    """Return the highest speed at which vehicles are started on the approach of an entrance [m/s].
+    """Return the highest speed [m/s] at which vehicles start `distance` before the line, with the last `queue` behind them [m].
 
     All speed limits between the start of the last vehicle and the entrance count, and so do all bends of this stretch.
-
-    Args:
-        distance: distance of the first vehicle from the stopping line [m].
-        queue: distance of the last vehicle of the queue from the first vehicle [m].
     """
     approach, start = place.entrances[entrance].approach, place.approach(entrance) - distance
     if approach is None or start <= 0.0:

@@ -44,9 +44,8 @@ class Walk(NamedTuple):
 def walks_of(value: object) -> tuple[Walk, ...]:
     """Return the walks of the argument ``pedestrians=`` of a mark.
 
-    Args:
-        value: the name of a behaviour, a `Pedestrian`, a dict of the fields of a `Pedestrian` with a value or several values
-            each, or several of these; None for no pedestrians.
+    It is the name of a behaviour, a `Pedestrian`, a dict of the fields of a `Pedestrian` with a value or several values each, or
+    several of these; None for no pedestrians.
     """
     if value is None:
         return ()
@@ -57,29 +56,26 @@ def walks_of(value: object) -> tuple[Walk, ...]:
     for entry in entries:
         if isinstance(entry, Pedestrian):
             walks[Walk(entry)] = None
-        elif isinstance(entry, str | Mapping):
-            walks |= dict.fromkeys(_product({"behaviour": entry} if isinstance(entry, str) else entry))
-        else:
+            continue
+        if not isinstance(entry, str | Mapping):
             raise ScenarioError(
                 "pedestrians takes names of behaviours, rvads.Pedestrian(...) or dicts of its fields, one or several, got "
                 f"{entry!r:.100}"
             )
+        given: Mapping[str, Any] = {"behaviour": entry} if isinstance(entry, str) else entry
+        for name in given:
+            if name not in _FIELDS:
+                raise ScenarioError(f"pedestrians have {', '.join(_FIELDS)}, got {name!r}{suggest(str(name), _FIELDS)}")
+        lists = [plain(given.get(name, default)) for name, default in _FIELDS.items()]
+        lists = [list(values) if isinstance(values, list | tuple) else [values] for values in lists]
+        if not all(lists):
+            raise ScenarioError(f"pedestrians are given by values or lists of at least one value, got {dict(given)!r}")
+        for crossing, side, manner, difference in product(*lists):
+            # Behind parked vehicles pedestrians walk from the near side alone.
+            if not (behaviour(manner).parked and side == Side.FAR and Side.NEAR in lists[1]):
+                pedestrian = Pedestrian(0 if crossing is None else crossing, side, manner, difference)
+                walks[Walk(pedestrian, crossing is None)] = None
     return tuple(walks)
-
-
-def _product(given: Mapping[str, Any]) -> Iterator[Walk]:
-    """Yield the combinations of the values of the fields; behind parked vehicles pedestrians walk from the near side alone."""
-    for name in given:
-        if name not in _FIELDS:
-            raise ScenarioError(f"pedestrians have {', '.join(_FIELDS)}, got {name!r}{suggest(str(name), _FIELDS)}")
-    lists = [plain(given.get(name, default)) for name, default in _FIELDS.items()]
-    lists = [list(values) if isinstance(values, list | tuple) else [values] for values in lists]
-    if not all(lists):
-        raise ScenarioError(f"pedestrians are given by values or lists of at least one value, got {dict(given)!r}")
-    for crossing, side, manner, difference in product(*lists):
-        if behaviour(manner).parked and side == Side.FAR and Side.NEAR in lists[1]:
-            continue
-        yield Walk(Pedestrian(0 if crossing is None else crossing, side, manner, difference), crossing is None)
 
 
 def choices(place: Junction, ways: Collection[Key], walks: Iterable[Walk]) -> Iterator[Pedestrian]:
@@ -102,30 +98,27 @@ def least(place: Junction, placed: Directions, seat: int | None, crossing: int) 
 
 @lru_cache(maxsize=256)
 def turns(place: Junction) -> tuple[tuple[int, tuple[int, ...]], ...]:
-    """Return the rotations of a junction that keep lanes, movements, signs and crosswalks, the identity first."""
-    rows = zip(place.rotations, Orbits.at(place).rows, strict=True)
-    images = ((row, _images(place, arms)) for arms, row in rows)
-    return tuple((row, found) for row, found in images if found is not None)
+    """Return the rotations of a junction that keep lanes, movements, signs and crosswalks, the identity first.
 
-
-def _images(place: Junction, arms: int) -> tuple[int, ...] | None:
-    """Return the crosswalks onto which a rotation moves the crosswalks; None if a crosswalk has no image."""
-    lanes = place.image(arms)
-    if lanes is None:
-        return None
-    entrances, exits = lanes
+    A rotation comes with the numbers of the crosswalks onto which it moves the crosswalks.
+    """
     below = [{key for number, key in place.covers if number == k} for k in range(len(place.crossings))]
-    groups = place.phase_groups
-    images: list[int] = []
-    for crosswalk, keys in zip(place.crossings, below, strict=True):
-        moved = {(entrances[start], exits[end]) for start, end in keys}
-        green = None if crosswalk.phase is None else frozenset(entrances[entrance] for entrance in groups[crosswalk.phase])
-        for number, other in enumerate(place.crossings):
-            same_green = green is None if other.phase is None else green == groups[other.phase]
-            same_arm = other.arm == (crosswalk.arm + arms) % place.ways
-            if number not in images and same_arm and same_green and below[number] == moved:
-                images.append(number)
-                break
-        else:
-            return None
-    return tuple(images)
+    groups, rotations = place.phase_groups, []
+    for arms, row in zip(place.rotations, Orbits.at(place).rows, strict=True):
+        lanes = place.image(arms)
+        if lanes is None:
+            continue
+        entrances, exits = lanes
+        images: list[int] = []
+        for crosswalk, keys in zip(place.crossings, below, strict=True):
+            moved = {(entrances[start], exits[end]) for start, end in keys}
+            green = None if crosswalk.phase is None else frozenset(entrances[entrance] for entrance in groups[crosswalk.phase])
+            for number, other in enumerate(place.crossings):
+                same_green = green is None if other.phase is None else green == groups[other.phase]
+                same_arm = other.arm == (crosswalk.arm + arms) % place.ways
+                if number not in images and same_arm and same_green and below[number] == moved:
+                    images.append(number)
+                    break
+        if len(images) == len(place.crossings):
+            rotations.append((row, tuple(images)))
+    return tuple(rotations)
