@@ -15,7 +15,7 @@ import zipfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 from msgspec import Meta
@@ -83,7 +83,6 @@ class Kept:
     what: str
     """Content of the file: ``run`` or ``recording``."""
     format: str
-    """Name of the format in the header."""
     version: int
     most_bytes: int
     """Largest size of the file, and of all its arrays together [bytes]."""
@@ -136,21 +135,43 @@ class Kept:
 
 
 def unpack(content: bytes, most: int = MOST_BYTES) -> dict[str, NDArray[Any]]:
-    """Return the arrays of an archive by name; the arrays are read-only.
-
-    Args:
-        most: largest memory of all arrays together [bytes].
-    """
+    """Return the arrays of an archive by name, read-only; together they may take at most `most` bytes."""
     count = content.count(_DIRECTORY_ENTRY)
     if count > _MOST_MEMBERS:
         raise ValueError(f"it holds {count:,} arrays, expected at most {_MOST_MEMBERS:,}")
     try:
-        members = _members(content, most)
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            entries = {entry.filename.removesuffix(".npy"): entry for entry in archive.infolist()}
+            if len(entries) < len(archive.infolist()):
+                raise ValueError("two of its arrays have the same name")
+            if any(entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) for entry in entries.values()):
+                raise ValueError("it is compressed by another method than deflate, which alone unpacks in steps")
+            size = sum(entry.file_size for entry in entries.values())
+            if size > most:
+                raise ValueError(f"its arrays take {size:,} bytes, expected at most {most:,}")
+            members = {}
+            for name, entry in entries.items():
+                with archive.open(entry) as member:
+                    members[name] = member.read(entry.file_size + 1)  # without a size, any amount of data would be unpacked
+                if len(members[name]) != entry.file_size:
+                    raise ValueError(f"{name} has {len(members[name]):,} bytes where {entry.file_size:,} are announced")
     except ValueError:
         raise
     except Exception as error:  # zipfile and zlib raise many types of errors
         raise ValueError(f"{error or type(error).__name__}") from error
-    return {name: _array(name, data) for name, data in members.items()}
+    arrays: dict[str, NDArray[Any]] = {}
+    for name, data in members.items():
+        head = _HEADER.match(data)
+        if head is None:
+            raise ValueError(f"{name} is no array of numbers")
+        kind, fortran, lengths = head.groups()
+        shape = tuple(int(length) for length in lengths.split(b",") if length.strip())
+        dtype = np.dtype(kind.decode())
+        if math.prod(shape) * dtype.itemsize != len(data) - head.end():
+            raise ValueError(f"{name} has {len(data) - head.end():,} bytes of numbers, which do not fill the shape {shape}")
+        order: Literal["F", "C"] = "F" if fortran == b"True" else "C"
+        arrays[name] = np.frombuffer(data, dtype, offset=head.end()).reshape(shape, order=order)
+    return arrays
 
 
 def peek(path: Path, name: str, most: int = 2**16) -> bytes:
@@ -161,34 +182,3 @@ def peek(path: Path, name: str, most: int = 2**16) -> bytes:
     except Exception:  # zipfile and zlib raise many types of errors
         return b""
     return data[_SHAPE + int.from_bytes(data[_SHAPE - 2 : _SHAPE], "little") :]
-
-
-def _members(content: bytes, most: int) -> dict[str, bytes]:
-    with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        entries = {entry.filename.removesuffix(".npy"): entry for entry in archive.infolist()}
-        if len(entries) < len(archive.infolist()):
-            raise ValueError("two of its arrays have the same name")
-        if any(entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) for entry in entries.values()):
-            raise ValueError("it is compressed by another method than deflate, which alone unpacks in steps")
-        size = sum(entry.file_size for entry in entries.values())
-        if size > most:
-            raise ValueError(f"its arrays take {size:,} bytes, expected at most {most:,}")
-        members = {}
-        for name, entry in entries.items():
-            with archive.open(entry) as member:
-                members[name] = member.read(entry.file_size + 1)  # without a size, any amount of data would be unpacked
-            if len(members[name]) != entry.file_size:
-                raise ValueError(f"{name} has {len(members[name]):,} bytes where {entry.file_size:,} are announced")
-        return members
-
-
-def _array(name: str, data: bytes) -> NDArray[Any]:
-    head = _HEADER.match(data)
-    if head is None:
-        raise ValueError(f"{name} is no array of numbers")
-    kind, fortran, lengths = head.groups()
-    shape = tuple(int(length) for length in lengths.split(b",") if length.strip())
-    dtype = np.dtype(kind.decode())
-    if math.prod(shape) * dtype.itemsize != len(data) - head.end():
-        raise ValueError(f"{name} has {len(data) - head.end():,} bytes of numbers, which do not fill the shape {shape}")
-    return np.frombuffer(data, dtype, offset=head.end()).reshape(shape, order="F" if fortran == b"True" else "C")

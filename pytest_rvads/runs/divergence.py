@@ -38,7 +38,6 @@ def diverge(one: Run, other: Run) -> Divergence | None:
 
 
 def _first_unlike_pair(**pairs: tuple[object, object]) -> Divergence | None:
-    """Return the first of some named pairs of values in which the two values differ."""
     return next((Divergence(what, str(a), str(b)) for what, (a, b) in pairs.items() if a != b), None)
 
 
@@ -51,7 +50,6 @@ def _vehicles(run: Run) -> str:
 
 
 def _first_difference(one: Run, other: Run, field: str) -> Divergence | None:
-    """Return the first difference of two runs in one field of their states."""
     a: NDArray[Any] | None = getattr(one, field)
     b: NDArray[Any] | None = getattr(other, field)
     if a is None or b is None:

@@ -166,12 +166,9 @@ def get_junction(record: JunctionRecord, arrays: Mapping[str, NDArray[Any]]) -> 
 
 
 @lru_cache(maxsize=16)
-def _junction(record: bytes, lines: tuple[tuple[str, str, tuple[int, ...], bytes], ...]) -> Junction:
-    arrays = {name: np.frombuffer(content, dtype).reshape(shape) for name, dtype, shape, content in lines}
-    return _build(msgspec.msgpack.decode(record, type=JunctionRecord), arrays)
-
-
-def _build(record: JunctionRecord, arrays: Mapping[str, NDArray[Any]]) -> Junction:
+def _junction(content: bytes, lines: tuple[tuple[str, str, tuple[int, ...], bytes], ...]) -> Junction:
+    arrays = {name: np.frombuffer(array, dtype).reshape(shape) for name, dtype, shape, array in lines}
+    record = msgspec.msgpack.decode(content, type=JunctionRecord)
     points = 0
 
     def get(line: _Line | None) -> Segment | None:
@@ -189,8 +186,8 @@ def _build(record: JunctionRecord, arrays: Mapping[str, NDArray[Any]]) -> Juncti
         Crosswalk(c.id, c.arm, np.array(c.area), Segment(c.id, np.array(c.path)), c.middle, c.island, c.phase)
         for c in record.crosswalks
     )
-    lines = [*(m.path for m in movements), *(c.path for c in crosswalks)]
-    length = math.fsum(line.length for line in lines if line is not None)
+    paths = [*(m.path for m in movements), *(c.path for c in crosswalks)]
+    length = math.fsum(path.length for path in paths if path is not None)
     if length > _LONGEST:
         raise ValueError(f"its movements and crosswalks are {length:,.0f} m long together, expected at most {_LONGEST:,} m")
     ways = {m.key: m for m in movements}

@@ -44,14 +44,17 @@ class Period:
 
 
 def busy_periods(spans: Sequence[Span], lines: Sequence[float], leave: Sequence[float]) -> tuple[Period, ...]:
-    """Return the busy periods of a junction (times with vehicles near the junction) in order.
+    """Return the busy periods of a junction in order.
 
-    Args:
-        lines: station of the stopping line of every vehicle [m].
-        leave: station from which on every vehicle has left the junction [m].
+    Per vehicle, `lines` has the station of its stopping line, and `leave` the station from which on it has left the junction [m].
     """
-    near = [_near(*span, line, last) for span, line, last in zip(spans, lines, leave, strict=True)]
-    order = sorted((times[0], times[1], number) for number, times in enumerate(near) if times is not None)
+    # The first and the last time at which each vehicle is near the junction [s]; None if it never comes near.
+    near: list[tuple[float, float] | None] = []
+    for (times, station, speed), line, last in zip(spans, lines, leave, strict=True):
+        reach = np.maximum(NEAR, NEAR_TIME * np.maximum(speed, 0.0))
+        samples = np.flatnonzero((station >= line - reach) & (station <= last))
+        near.append((float(times[samples[0]]), float(times[samples[-1]])) if len(samples) else None)
+    order = sorted((*both, number) for number, both in enumerate(near) if both is not None)
     groups: list[list[int]] = []
     until = -np.inf
     for begin, end, number in order:
@@ -64,17 +67,8 @@ def busy_periods(spans: Sequence[Span], lines: Sequence[float], leave: Sequence[
     for group in groups:
         begin, end = float(begins[group].min()), float(ends[group].max())
         # The run goes back so far that it shows waiting times, and the order in which vehicles entered.
-        begin = min((since for times in near if times is not None and (since := times[0]) < begin <= times[1]), default=begin)
+        begin = min((since for since, until in filter(None, near) if since < begin <= until), default=begin)
         present = np.flatnonzero((begins <= end) & (ends >= begin))
-        busy = min(times[0] for number in group if (times := near[number]) is not None)
+        busy = min(both[0] for number in group if (both := near[number]) is not None)
         periods.append(Period(begin, end, busy, tuple(sorted(group)), tuple(present.tolist())))
     return tuple(periods)
-
-
-def _near(
-    times: NDArray[np.float64], station: NDArray[np.float64], speed: NDArray[np.float64], line: float, last: float
-) -> tuple[float, float] | None:
-    """Return the first and the last time at which a vehicle is near the junction [s]; None if the vehicle never comes near."""
-    reach = np.maximum(NEAR, NEAR_TIME * np.maximum(speed, 0.0))
-    samples = np.flatnonzero((station >= line - reach) & (station <= last))
-    return (float(times[samples[0]]), float(times[samples[-1]])) if len(samples) else None

@@ -146,16 +146,11 @@ def read_recorded(path: str | Path) -> list[Run]:
 
 
 def _read_npz(path: str | Path) -> Sequence[Run]:
-    return load_recording(path) if _is_recording(Path(path)) else [load_run(path)]
-
-
-def _is_recording(path: Path) -> bool:
-    """Return whether the header of a file states a recording; the readers report damaged files."""
-    return f'"format": "{FORMAT}"'.encode() in peek(path, "header")
+    is_recording = f'"format": "{FORMAT}"'.encode() in peek(Path(path), "header")
+    return load_recording(path) if is_recording else [load_run(path)]
 
 
 def _read_by_entry_point(name: str, path: str | Path) -> Sequence[Run]:
-    """Read a file with the reader of entry point `name`."""
     runs: Sequence[Run] = load("runs", name)(path)
     return runs
 
@@ -201,11 +196,7 @@ def files_of(path: Path) -> list[Path]:
 
 
 def matching(pattern: str, folder: Path | None = None) -> list[Path]:
-    """Return the files that a pattern matches, sorted by match; a matched folder stands for its files of runs.
-
-    Args:
-        folder: the folder in which the pattern is matched; None for the working directory.
-    """
+    """Return the files that a pattern matches in a folder, sorted by match; a matched folder stands for its files of runs."""
     base = folder or Path()
     matches = sorted(base / name for name in glob(pattern, root_dir=folder, recursive=True))
     return [file for match in matches for file in files_of(match)]
@@ -319,7 +310,15 @@ def _entrance_numbers(file: _File) -> dict[str, int]:
     the entrances keep the order of the file.
     """
     nodes = file.graph.entrances
-    numbers = _numbers_by_rotation(file)
+    starts = {edge.id: edge.source for edge in file.graph.edges if edge.source in nodes}
+    numbers: dict[str, int] = {}
+    for run in file.runs:
+        rotation = _ROTATION.search(run.name)
+        for name, vehicle in run.vehicles.items() if rotation else ():
+            number_of_vehicle = _NUMBER.search(name)
+            source = next((starts[e] for e in vehicle.itinerary if e in starts), None)
+            if rotation and number_of_vehicle and source is not None:
+                numbers.setdefault(source, (int(number_of_vehicle[1]) + int(rotation[1])) % len(nodes))
     if sorted(numbers.values()) == list(range(len(nodes))):
         return numbers
     follows = {left: right for right, left in file.right_of}
@@ -330,18 +329,3 @@ def _entrance_numbers(file: _File) -> dict[str, int]:
     order = order if len(order) == len(nodes) else nodes
     shift = next((number - order.index(node) for node, number in numbers.items()), 0)
     return {n: (k + shift) % len(nodes) for k, n in enumerate(order)}
-
-
-def _numbers_by_rotation(file: _File) -> dict[str, int]:
-    """Return the numbers of entrances that follow from the vehicles of runs with a rotation in their names."""
-    nodes = file.graph.entrances
-    starts = {edge.id: edge.source for edge in file.graph.edges if edge.source in nodes}
-    numbers: dict[str, int] = {}
-    for run in file.runs:
-        rotation = _ROTATION.search(run.name)
-        for name, vehicle in run.vehicles.items() if rotation else ():
-            number = _NUMBER.search(name)
-            source = next((starts[e] for e in vehicle.itinerary if e in starts), None)
-            if rotation and number and source is not None:
-                numbers.setdefault(source, (int(number[1]) + int(rotation[1])) % len(nodes))
-    return numbers

@@ -151,10 +151,11 @@ def _recording(header: _Header, arrays: Mapping[str, NDArray[Any]]) -> Recording
     parts = {name: _parts(arrays[name], samples) for name in ("times", "station", "speed", "pose")}
     tracks = []
     for k, record in enumerate(header.tracks):
-        _check_times(record.name, parts["times"][k])
+        times, station, speed, pose = (parts[name][k] for name in ("times", "station", "speed", "pose"))
+        if (np.diff(times) <= 0.0).any() or times[-1] - times[0] > _LONGEST:
+            raise ValueError(f"the times of {record.name} must increase, and by at most {_LONGEST:g} s")
         check_ways(junction, record.name, record.route, record.other_exits)
         agent = Agent(record.name, junction.every_way[record.route], record.kind, record.size, record.other_exits)
-        times, station, speed, pose = (parts[name][k] for name in ("times", "station", "speed", "pose"))
         tracks.append(Track(agent, times, station, speed, pose, next(spreads) if record.spread else None, record.offset))
     for key in {track.route for track in header.tracks}:
         itinerary(junction, *key)  # raises an error about lanes that do not meet
@@ -195,8 +196,3 @@ def _check_array(name: str, array: NDArray[Any], shape: tuple[int, ...]) -> None
         raise ValueError(f"{name} holds numbers beyond {limit:g}, or NaN")
     if name == "spread" and (array < 0.0).any():
         raise ValueError("spread holds numbers below 0")
-
-
-def _check_times(name: str, times: NDArray[np.float64]) -> None:
-    if (np.diff(times) <= 0.0).any() or times[-1] - times[0] > _LONGEST:
-        raise ValueError(f"the times of {name} must increase, and by at most {_LONGEST:g} s")

@@ -163,7 +163,15 @@ def glance(path: Path) -> Junction | None:
     """
     try:
         head = msgspec.json.decode(peek(path, "header", _MOST), type=_Head)
-        return _without_lines(head.junction) if (head.format, head.version) == (FORMAT, VERSION) else None
+        if (head.format, head.version) != (FORMAT, VERSION):
+            return None
+        record = structs.replace(
+            head.junction,
+            entrances=[structs.replace(entrance, approach=None) for entrance in head.junction.entrances],
+            exits=[structs.replace(exit, road=None) for exit in head.junction.exits],
+            movements=[structs.replace(movement, path=None) for movement in head.junction.movements],
+        )
+        return get_junction(record, {})
     except (msgspec.MsgspecError, KeyError, ValueError, MapError):
         return None
 
@@ -172,14 +180,3 @@ class _Head(msgspec.Struct, frozen=True):
     format: str
     version: int
     junction: JunctionRecord
-
-
-def _without_lines(record: JunctionRecord) -> Junction:
-    """Return a junction without centre lines, which are in other entries of the file."""
-    without_lines = structs.replace(
-        record,
-        entrances=[structs.replace(entrance, approach=None) for entrance in record.entrances],
-        exits=[structs.replace(exit, road=None) for exit in record.exits],
-        movements=[structs.replace(movement, path=None) for movement in record.movements],
-    )
-    return get_junction(without_lines, {})
