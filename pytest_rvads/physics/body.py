@@ -247,7 +247,11 @@ class Body:
         speed = vx * cos + vy * sin
         # Comparisons with NaN are false, so this also catches a motion that is not finite.
         if not vx * vx + vy * vy < MAX_SPEED * MAX_SPEED or not -MAX_OFFSET <= offset <= MAX_OFFSET:
-            self._check_plausible(motion)
+            if not all(map(math.isfinite, motion)):
+                raise Halt(self._name, f"the motion of {self._name} is no longer finite: {tuple(motion)}")
+            pace = math.hypot(vx, vy)
+            if pace >= MAX_SPEED:
+                raise Halt(self._name, f"{self._name} was thrown away: it moves at {pace:.0f} m/s")
         if along < self._along and speed > -_ROLLING_BACK:
             # At a joint of overlapping lanes, the nearest point can jump back although the vehicle moves forward.
             along = self._along
@@ -271,15 +275,6 @@ class Body:
             self._kind,
         )
         return self.state
-
-    def _check_plausible(self, motion: Motion) -> None:
-        """Raise a `Halt` if the motion of the vehicle is not finite or too fast."""
-        name = self.agent.name
-        if not all(map(math.isfinite, motion)):
-            raise Halt(name, f"the motion of {name} is no longer finite: {tuple(motion)}")
-        speed = math.hypot(motion.vx, motion.vy)
-        if speed >= MAX_SPEED:
-            raise Halt(name, f"{name} was thrown away: it moves at {speed:.0f} m/s")
 
 
 def start(itinerary: Itinerary, station: float, speed: float, vehicle: Vehicle) -> Motion:

@@ -54,14 +54,9 @@ _MOST_BYTES = 2**16
 def vmax(
     distance: float, aggression: int = 1, vehicle: Vehicle | None = None, engine: Engine | None = None, limit: float = SPEED_LIMIT
 ) -> float | None:
-    """Return the greatest safe speed `distance` metres before the stopping line.
+    """Return the greatest safe speed `distance` metres before the stopping line, at most `limit` and `FASTEST` [m/s].
 
-    Args:
-        distance: reference point to stopping line [m].
-        limit: the speed limit; a limit above `FASTEST` counts as `FASTEST` [m/s].
-
-    Returns:
-        The speed, at most the speed limit [m/s]; None if not even a standing vehicle is safe.
+    It is None if not even a standing vehicle is safe.
     """
     check_start(distance, aggression)
     return _vmax(float(distance), aggression, vehicle or Vehicle(), engine or usual(), min(limit, FASTEST))
@@ -81,11 +76,7 @@ def envelope(
     aggressions: Sequence[int] = (1, 2, 3),
     limit: Callable[..., float | None] | None = None,
 ) -> dict[int, tuple[float | None, ...]]:
-    """Return v(d)max [m/s] over `distances` [m] for every aggression, after checking that v(d)max never decreases.
-
-    Args:
-        distances: reference point to stopping line [m].
-    """
+    """Return v(d)max [m/s] over `distances` [m] for every aggression, after checking that v(d)max never decreases."""
     limit = limit or vmax
     table = {level: tuple(limit(d, level, vehicle) for d in distances) for level in aggressions}
     points = [(level, d, -1.0 if v is None else v) for level, row in table.items() for d, v in zip(distances, row, strict=True)]
@@ -100,15 +91,7 @@ def envelope(
 
 
 def greatest_safe(safe: Callable[[float], bool], limit: float, probes: int = 1) -> float | None:
-    """Return the greatest speed up to `limit` [m/s] that is safe, to `RESOLUTION`.
-
-    Args:
-        safe: tests a speed [m/s].
-        limit: greatest speed; returned if all tested speeds are safe [m/s].
-
-    Returns:
-        The speed [m/s]; None if 0 m/s is not safe.
-    """
+    """Return the greatest speed up to `limit` [m/s] that is safe, to `RESOLUTION`; None if 0 m/s is not safe."""
     low, high = 0, math.ceil(limit / RESOLUTION)
     for k in range(1, probes):
         probe = round(k * high / probes)
@@ -136,11 +119,7 @@ def _speed(steps: int) -> float:
 
 @lru_cache(maxsize=4096)
 def stopping_distance(speed: float, aggression: int, vehicle: Vehicle, engine: Engine | None = None) -> float:
-    """Return the stopping distance of a vehicle under full service brake on a straight road [m]; inf if it never stops.
-
-    Args:
-        speed: speed at the start [m/s].
-    """
+    """Return the distance [m] in which full service brake stops a vehicle from a speed [m/s]; inf if it never stops."""
     dynamics = Dynamics(vehicle, aggression)
     world = (engine or usual()).world([vehicle], [Motion(0.0, 0.0, 0.0, speed, 0.0, 0.0)])
     farthest = 0.0
@@ -190,11 +169,17 @@ def cached(key: Mapping[str, Any], compute: Callable[[], float | None], *librari
         return compute()
     name = json.dumps([dict(key), code(), versions(*libraries), platform.platform()], sort_keys=True)
     path = where / f"{sha256(name.encode()).hexdigest()}.json"
-    entry = _read(path, name)
-    if entry is not None:
-        return entry[0]
+    with contextlib.suppress(OSError, ValueError, LookupError, TypeError, RecursionError):  # no entry, or a damaged one
+        text = read_file(path, _MOST_BYTES).decode()
+        entry: float | None = json.loads(text.split("\n", 1)[1])["value"]
+        finite = entry is None or (type(entry) is float and math.isfinite(entry))
+        if finite and text == _entry(name, entry):
+            return entry
     value = compute()
-    _write(path, _entry(name, value))
+    with contextlib.suppress(OSError):  # a folder that can't be written to is no error
+        if path.is_symlink() or not path.is_file():
+            path.unlink(missing_ok=True)  # a link or pipe would lead the text elsewhere
+        write_file(path, _entry(name, value).encode())
     return value
 
 
@@ -216,22 +201,3 @@ def _entry(name: str, value: float | None) -> str:
     """Return the text of an entry: a checksum, and a line with key and value."""
     body = json.dumps({"key": name, "value": value})
     return f"{sha256(body.encode()).hexdigest()}\n{body}"
-
-
-def _read(path: Path, name: str) -> tuple[float | None] | None:
-    """Return the value of an entry as a tuple with one element; None if the key has no entry, or a damaged entry."""
-    try:
-        text = read_file(path, _MOST_BYTES).decode()
-        value = json.loads(text.split("\n", 1)[1])["value"]
-    except (OSError, ValueError, LookupError, TypeError, RecursionError):
-        return None
-    finite = value is None or (type(value) is float and math.isfinite(value))
-    return (value,) if finite and text == _entry(name, value) else None
-
-
-def _write(path: Path, text: str) -> None:
-    """Write an entry of the cache; a folder that can't be written to is no error."""
-    with contextlib.suppress(OSError):
-        if path.is_symlink() or not path.is_file():
-            path.unlink(missing_ok=True)  # a link or pipe would lead the text elsewhere
-        write_file(path, text.encode())

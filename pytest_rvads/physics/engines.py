@@ -67,7 +67,16 @@ class BulletWorld:
     def _build(self, vehicles: Sequence[Vehicle]) -> tuple[int, list[int]]:
         """Make a multibody of at most `_MOST` vehicles; return its number and its joints."""
         bullet, client = self._bullet, self._client
-        boxes = {vehicle: self._box(vehicle) for vehicle in dict.fromkeys(vehicles)}
+        # A vehicle is a box behind the front bumper; the link is at the centre of gravity.
+        boxes = {
+            vehicle: bullet.createCollisionShape(
+                bullet.GEOM_BOX,
+                halfExtents=[vehicle.length / 2, vehicle.width / 2, vehicle.height / 2],
+                collisionFramePosition=[vehicle.gravity_offset - vehicle.length / 2, 0.0, 0.0],
+                physicsClientId=client,
+            )
+            for vehicle in dict.fromkeys(vehicles)
+        }
         count = len(vehicles)
         links = 3 * count
         joints = list(range(links))
@@ -97,16 +106,6 @@ class BulletWorld:
         # A new joint has a motor that holds it; a force of 0 disables the motor.
         bullet.setJointMotorControlArray(body, joints, bullet.VELOCITY_CONTROL, forces=[0.0] * links, physicsClientId=client)
         return body, joints
-
-    def _box(self, vehicle: Vehicle) -> int:
-        """Return the shape of a vehicle, a box behind the front bumper; the link is at the centre of gravity."""
-        shape: int = self._bullet.createCollisionShape(
-            self._bullet.GEOM_BOX,
-            halfExtents=[vehicle.length / 2, vehicle.width / 2, vehicle.height / 2],
-            collisionFramePosition=[vehicle.gravity_offset - vehicle.length / 2, 0.0, 0.0],
-            physicsClientId=self._client,
-        )
-        return shape
 
     def motions(self) -> list[Motion]:
         """Return the motion of every body, in the order of the vehicles."""
@@ -171,7 +170,12 @@ _free: list[tuple[int, int]] = []
 
 def _acquire() -> tuple[ModuleType, int]:
     """Return pybullet and an engine that no open world uses."""
-    bullet = _load()
+    try:
+        with _silent_stderr():  # the import prints a line
+            import pybullet
+    except ModuleNotFoundError:
+        raise RunError(needs("the world of bullet", "pybullet", "bullet")) from None
+    bullet: ModuleType = pybullet
     pid = os.getpid()
     # An engine connected before a fork belongs to the parent process, and a driver could have disconnected an engine.
     _free[:] = [entry for entry in _free if entry[0] == pid and bullet.isConnected(entry[1])]
@@ -181,17 +185,6 @@ def _acquire() -> tuple[ModuleType, int]:
     if client < 0:
         raise RunError("pybullet has no engine left for another world: close worlds that are no longer used")
     return bullet, client
-
-
-def _load() -> ModuleType:
-    """Import pybullet, and suppress the line that the import prints on standard error."""
-    try:
-        with _silent_stderr():
-            import pybullet
-    except ModuleNotFoundError:
-        raise RunError(needs("the world of bullet", "pybullet", "bullet")) from None
-    module: ModuleType = pybullet
-    return module
 
 
 @contextlib.contextmanager

@@ -48,17 +48,25 @@ def closed_vmax(
 
     With `place` and `movement` the vehicle drives that movement and stops at the stop sign of its entrance. An entrance without a
     stop sign gets a red light for the test, because a lone vehicle gives way to no other vehicle. After the stop the vehicle is
-    allowed to continue at a stop sign, and on a turn that crosses no other movement (right on red).
-
-    Args:
-        distance: reference point to stopping line at the start [m].
-
-    Returns:
-        The greatest speed up to which the vehicle stopped in every test, at most v(d)max of the vehicle [m/s]; None if the
-        vehicle drives over the line even from a standstill.
+    allowed to continue at a stop sign, and on a turn that crosses no other movement (right on red). The vehicle stopped in every
+    test up to this speed, which is at most v(d)max of the vehicle [m/s]; None if it drives over the line even from a standstill.
     """
     vehicle = vehicle or Vehicle()
-    where, code = (find("light4"), (0, 2, 0, 0)) if place is None or movement is None else _alone(place, movement)
+    code: tuple[int, ...] = (0, 2, 0, 0)
+    where = find("light4")
+    if place is not None and movement is not None:
+        entrance = movement[0]
+        directions = [direction for (_, direction), m in place.by_direction.items() if m.key == movement]
+        if not directions:
+            raise ScenarioError(
+                f"junction {place.name!r} has no movement {movement!r}: name entrance and exit of one of "
+                f"{sorted(place.movements)}"
+            )
+        where, code = place, tuple(directions[0] if number == entrance else 0 for number in range(len(place.entrances)))
+        if place.entrances[entrance].sign is not Sign.STOP:
+            # The phase group with the lower number has green first, so the light of this entrance is red.
+            lanes = [replace(e, sign=Sign.LIGHTS, phase=int(number == entrance)) for number, e in enumerate(place.entrances)]
+            where = replace(place, entrances=tuple(lanes))
     limit = vmax(distance, aggression, vehicle, simulator, where.top_limit)
 
     def safe(speed: float) -> bool:
@@ -69,22 +77,6 @@ def closed_vmax(
         return stopped(run)
 
     return None if limit is None or not safe(0.0) else greatest_safe(safe, limit, PROBES)
-
-
-def _alone(place: Junction, movement: tuple[int, int]) -> tuple[Junction, tuple[int, ...]]:
-    """Return the junction, with a red light if the entrance has no stop sign, and the directions of a lone vehicle on it."""
-    entrance = movement[0]
-    directions = [direction for (_, direction), m in place.by_direction.items() if m.key == movement]
-    if not directions:
-        raise ScenarioError(
-            f"junction {place.name!r} has no movement {movement!r}: name entrance and exit of one of {sorted(place.movements)}"
-        )
-    code = tuple(directions[0] if number == entrance else 0 for number in range(len(place.entrances)))
-    if place.entrances[entrance].sign is Sign.STOP:
-        return place, code
-    # The phase group with the lower number has green first, so the light of this entrance is red.
-    lanes = [replace(e, sign=Sign.LIGHTS, phase=int(number == entrance)) for number, e in enumerate(place.entrances)]
-    return replace(place, entrances=tuple(lanes)), code
 
 
 def stopped(run: Run) -> bool:

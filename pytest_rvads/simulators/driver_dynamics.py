@@ -70,7 +70,21 @@ class Measured:
 
     def braking(self, speed: float) -> float:
         """Return the least distance, to 0.1 m, before a red light from which the vehicle stops before the line [m], or inf."""
-        return self._cached("B", speed, 0.0, lambda: self._bisected(speed))
+
+        def stops(tenths: int) -> bool:
+            scenario = Scenario(find("light4"), "0200", distance=tenths * _RESOLUTION, speed=speed, duration=RED)
+            return stopped(self._run(scenario))
+
+        def bisected() -> float:
+            low, high = 0, round(_FAR / _RESOLUTION)
+            if not stops(high):
+                return math.inf
+            while high - low > 1:
+                middle = (low + high) // 2
+                low, high = (low, middle) if stops(middle) else (middle, high)
+            return round(high * _RESOLUTION, 9)
+
+        return self._cached("B", speed, 0.0, bisected)
 
     def driving(self, speed: float, distance: float) -> tuple[float, float]:
         """Return the speed AV [m/s] and time AT [s]; the time to a distance that the vehicle does not reach is inf."""
@@ -86,20 +100,8 @@ class Measured:
         found = cached(key, lambda: None if math.isinf(value := compute()) else value, self.simulator.engine.library)
         return math.inf if found is None else found
 
-    def _bisected(self, speed: float) -> float:
-        def stops(tenths: int) -> bool:
-            scenario = Scenario(find("light4"), "0200", distance=tenths * _RESOLUTION, speed=speed, duration=RED)
-            return stopped(self._run(scenario))
-
-        low, high = 0, round(_FAR / _RESOLUTION)
-        if not stops(high):
-            return math.inf
-        while high - low > 1:
-            middle = (low + high) // 2
-            low, high = (low, middle) if stops(middle) else (middle, high)
-        return round(high * _RESOLUTION, 9)
-
     def _drive(self, speed: float, distance: float) -> tuple[float, float]:
+        """Return speed [m/s] and time [s] at a distance of a drive; inf as time beyond the end of the drive."""
         if speed not in self._drives:
             run = self._run(Scenario(find("light4"), "2000", distance=_FAR, speed=speed, duration=RED))
             if run.station is None or run.speed is None:
@@ -107,22 +109,16 @@ class Measured:
             places, speeds = run.station[:, 0].astype(np.float64), run.speed[:, 0].astype(np.float64)
             self._drives[speed] = places - places[0], speeds
         distances, speeds = self._drives[speed]
-        return _at(distances, speeds, np.arange(len(distances), dtype=np.float64) * DT, distance)
+        if distance > distances[-1]:
+            return float(speeds[-1]), math.inf
+        times = np.arange(len(distances), dtype=np.float64) * DT
+        return float(np.interp(distance, distances, speeds)), float(np.interp(distance, distances, times))
 
     def _run(self, scenario: Scenario) -> Run:
         run = simulate(Case(scenario, self.driver), self.simulator)
         if run.fault is not None:
             raise RunError(f"{scenario.name}: {run.fault.reason}")
         return run
-
-
-def _at(
-    distances: NDArray[np.float64], speeds: NDArray[np.float64], times: NDArray[np.float64], distance: float
-) -> tuple[float, float]:
-    """Return speed [m/s] and time [s] at a distance of a drive; inf as time beyond the end of the drive."""
-    if distance > distances[-1]:
-        return float(speeds[-1]), math.inf
-    return float(np.interp(distance, distances, speeds)), float(np.interp(distance, distances, times))
 
 
 class VistaSetting(NamedTuple):
@@ -140,10 +136,7 @@ class VistaSetting(NamedTuple):
 def settings(dynamics: DriverDynamics, speed: float, limit: float = LIMIT, length: float = LENGTH) -> tuple[VistaSetting, ...]:
     """Return the starts from which going is only just safe, one per kind of vista of a junction (arXiv 2405.16914).
 
-    Args:
-        speed: speed of the vehicle [m/s].
-        limit: speed limit [m/s].
-        length: length of the junction [m].
+    The speeds of the vehicle and of the limit are in m/s, the length of the junction in m.
     """
     before = dynamics.braking(speed)
     beyond, across = dynamics.driving(speed, before + length)
@@ -192,32 +185,29 @@ class Pedal(NamedTuple):
 
 def calibrated(driver: Factory, simulator: Simulator | None = None, aggression: int = 1) -> tuple[Pedal, Pedal]:
     """Return what throttle and brake do in a simulation with a driver."""
-    samples = np.concatenate([_samples(driver, simulator, aggression, *probe) for probe in _PROBES])
-    throttle, brake, acceleration = samples.T
-    return _pedal(throttle, acceleration, brake), _pedal(brake, acceleration, throttle)
-
-
-def _samples(
-    driver: Factory, simulator: Simulator | None, aggression: int, directions: str, distance: float, speed: float
-) -> NDArray[np.float64]:
-    """Return effective throttle, effective brake and acceleration without resistance of a run, shape ``(samples, 3)``."""
-    scenario = Scenario(find("light4"), directions, distance=distance, speed=speed, aggression=aggression, duration=RED)
-    run = simulate(Case(scenario, driver), simulator)
-    if run.fault is not None:
-        raise RunError(f"no calibration: {run.fault.reason}")
-    if run.speed is None or run.controls is None:
-        raise RunError(
-            f"simulator {run.provenance.get('simulator')!r} records no speeds or no controls, which a calibration needs"
-        )
-    vehicle, speeds, controls = Vehicle(), run.speed[:, 0].astype(np.float64), run.controls[:-1, 0].astype(np.float64)
+    vehicle = Vehicle()
     lags = np.array([vehicle.drive_lag, vehicle.brake_lag])
-    effective, pedals = np.zeros_like(controls[:, :2]), np.zeros(2)
-    for step, wanted in enumerate(controls[:, :2]):
-        pedals = pedals + (1.0 - np.exp(-DT / lags)) * (wanted - pedals)
-        effective[step] = pedals
-    free = np.diff(speeds) / DT + np.array([resistance(vehicle, speed) for speed in speeds[:-1]])
-    usable = (speeds[1:] > _MOVING) & (np.abs(controls[:, 2]) < _STRAIGHT)
-    return np.column_stack((effective, free))[usable]
+    # Effective throttle, effective brake and acceleration without resistance of every run, shape ``(samples, 3)``.
+    samples = []
+    for directions, distance, start in _PROBES:
+        scenario = Scenario(find("light4"), directions, distance=distance, speed=start, aggression=aggression, duration=RED)
+        run = simulate(Case(scenario, driver), simulator)
+        if run.fault is not None:
+            raise RunError(f"no calibration: {run.fault.reason}")
+        if run.speed is None or run.controls is None:
+            raise RunError(
+                f"simulator {run.provenance.get('simulator')!r} records no speeds or no controls, which a calibration needs"
+            )
+        speeds, controls = run.speed[:, 0].astype(np.float64), run.controls[:-1, 0].astype(np.float64)
+        effective, pedals = np.zeros_like(controls[:, :2]), np.zeros(2)
+        for step, wanted in enumerate(controls[:, :2]):
+            pedals = pedals + (1.0 - np.exp(-DT / lags)) * (wanted - pedals)
+            effective[step] = pedals
+        free = np.diff(speeds) / DT + np.array([resistance(vehicle, speed) for speed in speeds[:-1]])
+        usable = (speeds[1:] > _MOVING) & (np.abs(controls[:, 2]) < _STRAIGHT)
+        samples.append(np.column_stack((effective, free))[usable])
+    throttle, brake, acceleration = np.concatenate(samples).T
+    return _pedal(throttle, acceleration, brake), _pedal(brake, acceleration, throttle)
 
 
 def _pedal(positions: NDArray[np.float64], acceleration: NDArray[np.float64], other: NDArray[np.float64]) -> Pedal:

@@ -118,13 +118,6 @@ class Loop:
 
     def drive(self) -> Run:
         """Return the run, after simulating the case until the run ends."""
-        try:
-            self._simulate()
-        finally:
-            self.world.close()
-        return self._result()
-
-    def _simulate(self) -> None:
         case, scenario = self.case, self.scenario
         last = round(scenario.duration / DT)
         try:
@@ -143,9 +136,11 @@ class Loop:
             self._halted(Halt(self._agents[0].name, f"{self._name} simulating {scenario.name}: {late}", end=LATE))
         except Halt as halt:
             self._halted(halt)
+        finally:
+            self.world.close()
+        return self._result()
 
     def _result(self) -> Run:
-        """Return the run up to the last recorded state."""
         case = self.case
         provenance = {
             "scenario": case.scenario.record(),
@@ -237,7 +232,7 @@ class Loop:
         return controls
 
     def _advance(self, controls: list[Control]) -> None:
-        """Advance the world by one step and note the collisions."""
+        """Advance the world by one step, move the pedestrians, and note collisions and touched pedestrians or parked vehicles."""
         forces: list[float] = []
         for body, motion, control in zip(self._bodies, self._motions, controls, strict=True):
             if self._controlled or body.state.zone is GONE:
@@ -247,8 +242,14 @@ class Loop:
                 throttle, brake, steering = control
                 forces += body.dynamics.forces(body.cos, body.sin, vx, vy, rate, throttle, brake, steering)
         self.world.step(forces)
-        if self._walkers:
-            self._walk()
+        states = [body.state for body in self._bodies] if self._walkers else []
+        for walker in self._walkers:
+            for state in states:
+                if walker.touches(state):
+                    me = walker.state
+                    apart = cmath.rect(state.speed, state.heading) - cmath.rect(me.speed, me.heading)
+                    self.collisions.append(Collision(self._step * DT, (state.name, walker.agent.name), abs(apart)))
+            walker.walk(self._step * DT, self._lights, states)
         for pair in self.world.contacts():
             first, second = (self._motions[column] for column in pair)
             names = self._agents[pair[0]].name, self._agents[pair[1]].name
@@ -256,18 +257,6 @@ class Loop:
             self.collisions.append(Collision(self._step * DT, names, math.hypot(first.vx - second.vx, first.vy - second.vy)))
         self._motions = self.world.motions()
         self._step += 1
-
-    def _walk(self) -> None:
-        """Move the pedestrians by one step, and note the vehicles that touch a pedestrian or a parked vehicle."""
-        states = [body.state for body in self._bodies]
-        for walker in self._walkers:
-            for state in states:
-                if walker.touches(state):
-                    names = state.name, walker.agent.name
-                    me = walker.state
-                    apart = cmath.rect(state.speed, state.heading) - cmath.rect(me.speed, me.heading)
-                    self.collisions.append(Collision(self._step * DT, names, abs(apart)))
-            walker.walk(self._step * DT, self._lights, states)
 
 
 _IDLE = Control()

@@ -65,38 +65,32 @@ def hidden(me: VehicleState, other: VehicleState, bodies: tuple[VehicleState, ..
     A pedestrian hides nobody.
     """
     vehicles = [body for body in bodies if body.name not in (me.name, other.name) and body.kind is not Kind.PEDESTRIAN]
+    cos, sin = math.cos(other.heading), math.sin(other.heading)
+    points = [(other.x - back * cos, other.y - back * sin) for back in (0.0, 0.5 * other.length, other.length)]
     return all(
-        any(crosses((me.x, me.y), point, (v.x, v.y, v.heading), (v.length, v.width)) for v in vehicles)
-        for point in (_along(other, share) for share in (0.0, 0.5, 1.0))
+        any(crosses((me.x, me.y), point, (v.x, v.y, v.heading), (v.length, v.width)) for v in vehicles) for point in points
     )
-
-
-def _along(state: VehicleState, share: float) -> tuple[float, float]:
-    """Return the point of the centre line of a body at a share of its length, 0 at the front, 1 at the rear [m]."""
-    back = share * state.length
-    return state.x - back * math.cos(state.heading), state.y - back * math.sin(state.heading)
 
 
 def _blurred(state: VehicleState, junction: Junction, along: float, across: float, faster: float) -> VehicleState:
     """Return a state moved along and across its way [m] and changed in speed [m/s], with the zone of the moved station."""
     cos, sin = math.cos(state.heading), math.sin(state.heading)
-    station = state.station + along
+    station, zone = state.station + along, state.zone
+    if along:
+        line = -junction.setbacks[state.entrance]
+        if station <= max(line, 0.0):
+            zone = Zone.ENTRANCE if station >= line - ENTRANCE_ZONE else Zone.APPROACH
+        else:
+            shortest = min(movement.length for movement in junction.by_turn[state.entrance, state.turn])
+            zone = Zone.JUNCTION if station < shortest else Zone.EXIT
     return state._replace(
         station=station,
-        zone=_zone(state, junction, station) if along else state.zone,
+        zone=zone,
         x=state.x + along * cos - across * sin,
         y=state.y + along * sin + across * cos,
         # Only pedestrians walk backwards.
         speed=state.speed + faster if state.speed < 0.0 and state.kind is Kind.PEDESTRIAN else max(state.speed + faster, 0.0),
     )
-
-
-def _zone(state: VehicleState, junction: Junction, station: float) -> Zone:
-    line = -junction.setbacks[state.entrance]
-    if station <= max(line, 0.0):
-        return Zone.ENTRANCE if station >= line - ENTRANCE_ZONE else Zone.APPROACH
-    shortest = min(movement.length for movement in junction.by_turn[state.entrance, state.turn])
-    return Zone.JUNCTION if station < shortest else Zone.EXIT
 
 
 class Latency:

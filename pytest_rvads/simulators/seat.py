@@ -74,7 +74,9 @@ class Seat:
                 self._ask = autopilot.control
                 self._limited = not getattr(autopilot, "own_limits", False)
                 period = getattr(autopilot, "period", DT)
-                self._every = _steps(period)
+                number = float(period) if isinstance(period, Real) and not isinstance(period, bool) else 0.0
+                steps = round(number / DT) if 0.0 < number < _DAY else 0
+                self._every = steps if math.isclose(steps * DT, number, rel_tol=1e-9) else 0
                 objection = "" if self._every else f"its period must be a whole multiple of {DT:g} s, got {period!r:.60}"
         if objection:
             raise Halt(agent.name, f"{self.name} can't drive {agent.name}: {one_line(objection, _REASON)}")
@@ -103,11 +105,19 @@ class Seat:
         return self._tracker.control(command, seen)
 
     def timing(self) -> dict[str, float | str] | None:
-        """Return the measurements of the autopilot, see `Autopilot.timing`; None without measurements or after an error."""
+        """Return the finite numbers and the texts of `Autopilot.timing`; None without measurements or after an error."""
+        entries: dict[str, float | str] = {}
         try:
             with _asking("timing", self.agent, limited=self._limited):
                 measurements = self.autopilot.timing()
-                return _plain_entries(measurements) if isinstance(measurements, Mapping) else None
+                if not isinstance(measurements, Mapping):
+                    return None
+                for name, value in islice(measurements.items(), _TIMES):
+                    if isinstance(value, str):
+                        entries[one_line(str(name), _TEXT)] = one_line(value, _TEXT)
+                    elif isinstance(value, Real) and math.isfinite(number := float(value)):
+                        entries[one_line(str(name), _TEXT)] = int(value) if isinstance(value, int) else number
+                return entries
         except Halt as halt:  # measurements are no part of the run, so an error in them does not end the run
             if halt.end == LATE:
                 raise
@@ -128,7 +138,11 @@ class Seat:
                     return answer
             command = plain(answer)
             if type(command) is Acceleration:
-                self._count_excess(command.acceleration, seen)
+                # An acceleration that the vehicle can't reach is counted; the dynamics of the vehicle limit it.
+                vehicle, wanted = seen.vehicle, command.acceleration
+                if not -vehicle.brake[seen.aggression - 1] <= wanted <= vehicle.drive:
+                    requests, largest = self.excess or (0, 0.0)
+                    self.excess = requests + 1, max(largest, wanted, key=abs)
             if watched.late:
                 raise TooLate  # the autopilot caught the exception that the time limit raised
         except BaseException as error:
@@ -138,13 +152,6 @@ class Seat:
         finally:
             watched.asked = None
         return self._held if command == self._held else command  # the tracking controller compares trajectories by identity
-
-    def _count_excess(self, acceleration: float, seen: Observation) -> None:
-        """Count an acceleration that the vehicle can't reach; the dynamics of the vehicle limit it."""
-        vehicle = seen.vehicle
-        if not -vehicle.brake[seen.aggression - 1] <= acceleration <= vehicle.drive:
-            requests, largest = self.excess or (0, 0.0)
-            self.excess = requests + 1, max(largest, acceleration, key=abs)
 
 
 def crew(
@@ -158,10 +165,8 @@ def crew(
 ) -> list[Seat]:
     """Return the seats of a run, with new autopilots.
 
-    Args:
-        traffic: makes the autopilots of all vehicles but the subject; None in a run without a subject.
-        subject: name of the vehicle under test; None if every vehicle is under test.
-        junction: the junction, which traffic systems get before they make autopilots; None if they do not get it.
+    In a run with a subject, `traffic` makes the autopilots of all other vehicles. Traffic systems get the junction, if it is
+    given, before they make autopilots.
     """
     if traffic is None:
         return _hire(driver, agents, junction, senses, key)
@@ -176,19 +181,14 @@ def _hire(
     """Return the seats of `agents`; the factory is called once per agent, or only once if the factory makes a traffic system."""
     seats: list[Seat] = []
     for agent in agents:
-        product, coordinates = _make(factory, agent)
+        with _asking(f"making {name_of(factory)} for {agent.name}", agent):
+            product = factory()
+            coordinates = callable(getattr(product, "autopilots", None))
         if coordinates:
             autopilots = _autopilots_of(product, agents, junction)
             return [Seat(a, autopilot, senses, key) for a, autopilot in zip(agents, autopilots, strict=True)]
         seats.append(Seat(agent, product, senses, key))
     return seats
-
-
-def _make(factory: Factory, agent: Agent) -> tuple[Any, bool]:
-    """Return the product of a factory, and whether the product is a traffic system."""
-    with _asking(f"making {name_of(factory)} for {agent.name}", agent):
-        product = factory()
-        return product, callable(getattr(product, "autopilots", None))
 
 
 def _autopilots_of(system: Any, agents: Sequence[Agent], junction: Junction | None) -> list[Any]:
@@ -244,24 +244,6 @@ def _fault(error: BaseException, doing: str, agent: Agent, autopilot: Any = None
         reason = str(error) if named else f"{doing}{when}: {error}" if str(error) else f"{doing} {_describe(error)}{when}"
         return Halt(agent.name, one_line(reason, _REASON), _detail(error, "detail"), end)
     return Halt(agent.name, one_line(f"{doing} {_describe(error)}{when}", _REASON))
-
-
-def _steps(period: Any) -> int:
-    """Return a period in steps of the simulation; 0 for a value that is no whole number of steps."""
-    number = float(period) if isinstance(period, Real) and not isinstance(period, bool) else 0.0
-    steps = round(number / DT) if 0.0 < number < _DAY else 0
-    return steps if math.isclose(steps * DT, number, rel_tol=1e-9) else 0
-
-
-def _plain_entries(measurements: Mapping[Any, Any]) -> dict[str, float | str]:
-    """Return the entries of a mapping that are finite numbers or texts, as builtins."""
-    entries: dict[str, float | str] = {}
-    for name, value in islice(measurements.items(), _TIMES):
-        if isinstance(value, str):
-            entries[one_line(str(name), _TEXT)] = one_line(value, _TEXT)
-        elif isinstance(value, Real) and math.isfinite(number := float(value)):
-            entries[one_line(str(name), _TEXT)] = int(value) if isinstance(value, int) else number
-    return entries
 
 
 def _detail(source: Any, name: str) -> str:

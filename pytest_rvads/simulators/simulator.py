@@ -155,7 +155,14 @@ def answered(case: Case, simulator: Simulator | None = None) -> Run:
     """
     require(case, Case, "simulate takes a case: write simulate(rvads.Case(scenario, driver))", ScenarioError)
     maker = meant(simulator)
-    run = _called(maker, case)
+    # Error settings of numpy that a driver changes hold for its own run only.
+    with np.errstate(), Watch(choice().limits) as watch:
+        try:
+            run = maker(case)
+        except TooLate as late:
+            if not watch.late:
+                raise  # the limit of an outer run, within which this run is simulated
+            raise RunError(f"the simulator {maker.name!r} at {case.scenario.name}: {watch.late}") from late
     require(run, Run, f"the simulator {maker.name!r} must answer a case with its Run", RunError)
     scenario = case.scenario
     for field, got, expected in (
@@ -236,17 +243,6 @@ def _flaw_of_end(run: Run, case: Case) -> str:
     if not present:
         return ""
     return f"it ends at {run.duration:.2f} s without a reason: {' and '.join(present)} had not left yet, {advice}"
-
-
-def _called(maker: Simulator, case: Case) -> Run:
-    # Error settings of numpy that a driver changes hold for its own run only.
-    with np.errstate(), Watch(choice().limits) as watch:
-        try:
-            return maker(case)
-        except TooLate as late:
-            if not watch.late:
-                raise  # the limit of an outer run, within which this run is simulated
-            raise RunError(f"the simulator {maker.name!r} at {case.scenario.name}: {watch.late}") from late
 
 
 def _routes(agents: Iterable[Agent]) -> list[str]:

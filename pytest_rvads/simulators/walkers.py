@@ -51,11 +51,7 @@ class Walker:
         return self.state
 
     def walk(self, time: float, lights: Sequence[Colour], vehicles: Sequence[VehicleState]) -> None:
-        """Take the next step, from what the pedestrian sees.
-
-        Args:
-            time: time since the run began [s].
-        """
+        """Take the next step, from what the pedestrian sees at `time` [s]."""
         if self._pace is None or self.state.zone is GONE or time < self._delay:
             return
         coming = (
