@@ -130,23 +130,18 @@ class Tracker:
             case Acceleration(acceleration, float() as steering):
                 return follower.drive(seen, float(acceleration))._replace(steering=steering)
             case Trajectory():
-                return self._track(command, seen)
+                if command is not self._last or self._line is None:
+                    self._last, self._line = command, _Line(command)
+                line, me, vehicle, back = self._line, seen.me, seen.vehicle, seen.vehicle.rear_axle_offset
+                place, speed = line.at(seen.time)
+                station = line.project(me.x, me.y)
+                if speed <= _STOP and me.speed < 0.3 and place - station < _STOP:
+                    return follower.drive(seen, -math.inf)
+                rise = (line.at(seen.time + vehicle.drive_lag)[1] - speed) / vehicle.drive_lag
+                wanted = rise + PLACE_GAIN * (place - station) + SPEED_GAIN * (speed - me.speed)
+                x, y = line.point(station - back + lookahead(me.speed))
+                return follower.drive(seen, wanted)._replace(steering=pursue(me, back, vehicle.wheelbase, x, y))
         return Control(*command)
-
-    def _track(self, command: Trajectory, seen: Observation) -> Control:
-        if command is not self._last or self._line is None:
-            self._last, self._line = command, _Line(command)
-        line, me, vehicle = self._line, seen.me, seen.vehicle
-        place, speed = line.at(seen.time)
-        station = line.project(me.x, me.y)
-        if speed <= _STOP and me.speed < 0.3 and place - station < _STOP:
-            return self._follower.drive(seen, -math.inf)
-        soon = line.at(seen.time + vehicle.drive_lag)[1]
-        acceleration = (soon - speed) / vehicle.drive_lag + PLACE_GAIN * (place - station) + SPEED_GAIN * (speed - me.speed)
-        x, y = line.point(station - vehicle.rear_axle_offset + lookahead(me.speed))
-        return self._follower.drive(seen, acceleration)._replace(
-            steering=pursue(me, vehicle.rear_axle_offset, vehicle.wheelbase, x, y)
-        )
 
 
 class _Line:

@@ -57,18 +57,15 @@ class Meetings:
         """Return a meeting per possible movement of `other` that shares a stretch with the own movement."""
         meetings = self._cache.get(other.name)
         if meetings is None:
-            meetings = self._cache[other.name] = self._meetings_with(other)
+            own_key, junction = self._key, self._junction
+            shared, yields = junction.stretches or {}, _settled(junction)
+            keys = [way.key for way in junction.by_turn[other.entrance, other.turn]]
+            meetings = self._cache[other.name] = tuple(
+                Meeting(shared[own_key, key], (own_key, key) in yields, (key, own_key) in yields, _bend_speed(junction, key))
+                for key in keys
+                if (own_key, key) in shared
+            )
         return meetings
-
-    def _meetings_with(self, other: VehicleState) -> tuple[Meeting, ...]:
-        own_key, junction = self._key, self._junction
-        shared, yields = junction.stretches or {}, _settled(junction)
-        keys = [way.key for way in junction.by_turn[other.entrance, other.turn]]
-        return tuple(
-            Meeting(shared[own_key, key], (own_key, key) in yields, (key, own_key) in yields, _bend_speed(junction, key))
-            for key in keys
-            if (own_key, key) in shared
-        )
 
 
 def _settled(junction: Junction) -> Set[tuple[Key, Key]]:

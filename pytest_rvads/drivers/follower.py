@@ -126,7 +126,16 @@ class Follower(Autopilot):
             self._wheels = seen.vehicle.rear_axle_offset, seen.vehicle.wheelbase
         back, wheelbase = self._wheels
         if self._way is not None and self._way.pace[0][0] <= me.station - back <= self._way.pace[-1][0]:
-            return self._steered(self._way, me, back, wheelbase)
+            # In a narrow bend, the station of the front does not determine the position of the rear axle, so the rear axle is
+            # projected onto its path. The angle follows the curvature of the path, and corrects offset and heading without
+            # overshooting.
+            x, y = me.x - back * math.cos(me.heading), me.y - back * math.sin(me.heading)
+            self._axle, offset = self._way.path.project(x, y, self._axle, _NEAR)
+            heading, bend = self._way.at(self._axle)
+            within = _BACK + _BACK_TIME * me.speed
+            bend -= (2.0 * math.sin(me.heading - heading) + offset / within) / within
+            self._steering = math.atan(wheelbase * bend)
+            return self._steering
         path, aim = seen.itinerary.path, me.station - back + lookahead(me.speed) + seen.itinerary.origin
         start, end, x, y, ux, uy, _ = self._piece
         if not start <= aim < end:
@@ -134,21 +143,6 @@ class Follower(Autopilot):
         aim -= start
         self._steering = steering = pursue(me, back, wheelbase, x + aim * ux, y + aim * uy)
         return steering
-
-    def _steered(self, way: AxlePath, me: VehicleState, back: float, wheelbase: float) -> float:
-        """Return the angle of the front wheels [rad] that keeps the rear axle on its planned path in a narrow bend.
-
-        The rear axle is projected onto its path, because in a narrow bend the station of the front does not determine the
-        position of the rear axle. The angle follows the curvature of the path, and corrects offset and heading without
-        overshooting.
-        """
-        x, y = me.x - back * math.cos(me.heading), me.y - back * math.sin(me.heading)
-        self._axle, offset = way.path.project(x, y, self._axle, _NEAR)
-        heading, bend = way.at(self._axle)
-        within = _BACK + _BACK_TIME * me.speed
-        bend -= (2.0 * math.sin(me.heading - heading) + offset / within) / within
-        self._steering = math.atan(wheelbase * bend)
-        return self._steering
 
 
 def resistance(vehicle: Vehicle, speed: float) -> float:
@@ -163,14 +157,7 @@ def lookahead(speed: float) -> float:
 
 
 def pursue(me: VehicleState, back: float, wheelbase: float, x: float, y: float) -> float:
-    """Return the angle of the front wheels [rad] at which the rear axle moves on a circle to the point (x, y).
-
-    Args:
-        back: distance from the reference point to the rear axle [m].
-        wheelbase: distance from the rear axle to the front axle [m].
-        x: east coordinate of the point [m].
-        y: north coordinate of the point [m].
-    """
+    """Return the angle of the front wheels [rad] at which the rear axle, `back` behind the front [m], circles to (x, y) [m]."""
     heading = me.heading
     cos, sin = math.cos(heading), math.sin(heading)
     dx = x - me.x + back * cos

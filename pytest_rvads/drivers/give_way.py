@@ -81,7 +81,12 @@ class GiveWay:
         self._queue.watch(seen)
         if self._at_line(me) and speed < STANDING and self._stood_since is None:
             self._stood_since = seen.time
-        if not self._permitted(seen) or (self._paper is not None and self._paper.owes(seen)):
+        stood = self._at_line(me) and self._stood_since is not None and seen.time - self._stood_since >= HOLD
+        permitted = stood or not self._must_stop
+        if permitted:
+            colour, passes = seen.lights[me.entrance], self._yellow.allows(seen)
+            permitted = passes if colour is _YELLOW else colour is not _RED or (self._on_red and self._stood_since is not None)
+        if not permitted or (self._paper is not None and self._paper.owes(seen)):
             self._released, self._quiet_since = False, None
             return False
         meets = self._meetings.of
@@ -89,21 +94,12 @@ class GiveWay:
         if self._all_stop:
             waits_for += self._came_first(seen, me)
         moves = any(other.speed > MOVING or not self._queue.arrived(other) for other in waits_for)
-        if moves or exit_blocked(seen) or _stuck(seen):
+        # The own vehicle would stop behind a vehicle from its entrance that stands in the junction.
+        stuck = any(o.entrance == me.entrance and o.zone is JUNCTION and o.speed < 1.0 for o in seen.others)
+        if moves or exit_blocked(seen) or stuck:
             self._released, self._quiet_since = False, None
             return False
         return not waits_for or self._patience_ends(seen, waits_for)
-
-    def _permitted(self, seen: Observation) -> bool:
-        """Return whether the sign and the light at the own entrance allow the entry."""
-        stood = self._at_line(seen.me) and self._stood_since is not None and seen.time - self._stood_since >= HOLD
-        if self._must_stop and not stood:
-            return False
-        colour = seen.lights[seen.me.entrance]
-        passes = self._yellow.allows(seen)
-        if colour is _YELLOW:
-            return passes
-        return colour is not _RED or (self._on_red and self._stood_since is not None)
 
     def _at_line(self, me: VehicleState) -> bool:
         """Return whether the own vehicle is in its entrance zone, or has stopped before this zone to leave room for others."""
@@ -130,11 +126,19 @@ class GiveWay:
             # The light of a vehicle that waits at red can turn green before the own vehicle has finished its turn on red.
             waits = seen.lights[seen.me.entrance] is _RED and self._queue.arrived(other) and may_get_green(seen, other)
             return waits and bool(self._meetings.of(other))
+        queue = self._queue
         for meeting in self._meetings.of(other):
-            goes_first = self._goes_first(seen, other, meeting, earlier)
-            if goes_first and not self._leaves_time(seen, other, meeting):
-                return True
-            if not goes_first and (runs or self._sets_off(seen, other)) and not self._fits(seen, other, meeting, MARGIN / 2.0):
+            if self._goes_first(seen, other, meeting, earlier):
+                # The own vehicle need not wait if it leaves the shared stretch before `other` arrives, or arrives after `other`
+                # has left. It does not pass before a vehicle that has arrived at its line, because this vehicle could set off.
+                passes = (not queue.arrived(other) and self._before(seen, other, meeting, MARGIN)) or (
+                    other.speed > ROLLING and not self._will_stop(other) and self._after(seen, other, meeting)
+                )
+            else:
+                # `other` may have set off from its line while the own vehicle still stands at its line.
+                sets_off = queue.setting_off(other) and not queue.setting_off(seen.me) and queue.stood(seen.me)
+                passes = not (runs or sets_off) or self._fits(seen, other, meeting, MARGIN / 2.0)
+            if not passes:
                 return True
         return False
 
@@ -158,20 +162,6 @@ class GiveWay:
         if meeting.mine or meeting.yours:
             return meeting.mine
         return other.station > me.station or (other.station == me.station and earlier)
-
-    def _sets_off(self, seen: Observation, other: VehicleState) -> bool:
-        """Return whether `other` has set off from its line while the own vehicle still stands at its line."""
-        return self._queue.setting_off(other) and not self._queue.setting_off(seen.me) and self._queue.stood(seen.me)
-
-    def _leaves_time(self, seen: Observation, other: VehicleState, meeting: Meeting) -> bool:
-        """Return whether the own vehicle need not wait for `other`, although `other` goes first.
-
-        The own vehicle need not wait if it leaves the shared stretch before `other` arrives, or arrives after `other` has left.
-        It does not pass before a vehicle that has arrived at its line, because this vehicle could set off.
-        """
-        return (not self._queue.arrived(other) and self._before(seen, other, meeting, MARGIN)) or (
-            other.speed > ROLLING and not self._will_stop(other) and self._after(seen, other, meeting)
-        )
 
     def _fits(self, seen: Observation, other: VehicleState, meeting: Meeting, margin: float) -> bool:
         """Return whether the own vehicle passes the shared stretch before or after `other`, if `other` does not stop."""
@@ -296,19 +286,8 @@ def clear_of_meetings(seen: Observation, meetings: Meetings) -> float:
     return least
 
 
-def _stuck(seen: Observation) -> bool:
-    """Return whether a vehicle from the own entrance stands in the junction, so that the own vehicle would stop behind it."""
-    entrance = seen.me.entrance
-    return any(other.entrance == entrance and other.zone is JUNCTION and other.speed < 1.0 for other in seen.others)
-
-
 def _leaves(other: VehicleState, end: float, slow: float) -> float:
-    """Return the time until the whole body of `other` has left a stretch of its movement [s]; inf while `other` stands.
-
-    Args:
-        end: station at which the stretch ends [m].
-        slow: highest speed at which the other vehicle takes the narrowest bend of its movement [m/s].
-    """
+    """Return the time until the body of `other`, at most as fast as `slow` [m/s], has left a stretch [s]; inf while it stands."""
     if other.speed < MOVING:
         return math.inf
     return time_to(end + other.length - other.station, min(other.speed, slow), TARDY, min(CRAWL, slow))

@@ -23,11 +23,7 @@ from pytest_rvads.support.errors import AutopilotError
 
 
 def check_factory(factory: Any) -> None:
-    """Check that an object is a factory of autopilots.
-
-    Raises:
-        AutopilotError: the object can't be called.
-    """
+    """Check that an object is a factory of autopilots."""
     if not callable(factory):
         raise AutopilotError(
             f"an autopilot must be a class or a callable that makes one, got {factory!r}: every vehicle of every run "

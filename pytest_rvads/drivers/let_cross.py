@@ -7,7 +7,7 @@ refers to the vehicle whose driver decides. The own side of a crosswalk is the h
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import NamedTuple
 
 from pytest_rvads.drivers.interface import Observation
@@ -94,12 +94,27 @@ class AtCrosswalks:
         """By name of a pedestrian who stands while the own vehicle waits, the time since which both do [s]."""
         self._braking: set[Stretch] = set()
         """The crosswalks before which the own vehicle brakes for a pedestrian."""
-        key, crossings = (way.entrance, way.exit), [w for w, _, _ in junction.further if isinstance(w, Crossing)]
-        self._crosswalks = [
-            _crosswalk(seen, track, cover, [crossing for crossing in crossings if crossing.crosswalk == number])
-            for (number, own_key), cover in junction.covers.items()
-            if own_key == key
-        ]
+        self._crosswalks: list[_Crosswalk] = []
+        key, length = (way.entrance, way.exit), seen.me.length
+        crossings = [other for other, _, _ in junction.further if isinstance(other, Crossing)]
+        for (number, own_key), cover in junction.covers.items():
+            if own_key != key:
+                continue
+            mine, sides = cover, {}
+            for crossing in crossings:
+                shared = (junction.stretches or {}).get((key, crossing.key))
+                if shared and crossing.crosswalk == number:
+                    mine = shared.mine
+                    enters = cover.start < way.length / 2.0  # the own vehicle, over the side of the entrances
+                    own = half(junction.crossings[number], crossing, first=enters is (crossing.side is Side.NEAR))
+                    start = itinerary(junction, *crossing.key).pose(-SIDEWALK)
+                    lane = shared.yours
+                    own = Stretch(min(own.start, lane.start), max(own.end, lane.end))
+                    sides[crossing.entrance] = _Side(own, lane, (start.x, start.y))
+            cruise = track.slowest(min(max(cover.end + length, 0.0), way.length))
+            at_line = way.line <= cover.start < way.line + BEFORE + length
+            path = (mine.start + mine.end - PERSON) / 2.0
+            self._crosswalks.append(_Crosswalk(cover, mine.start - NEAR, path, cruise, at_line, sides))
 
     def acceleration(self, seen: Observation, traffic: Observation) -> float:
         """Return the acceleration [m/s^2] with which the own vehicle comes to its crosswalks; inf if nothing holds it up."""
@@ -135,29 +150,33 @@ class AtCrosswalks:
         return self._calmly(seen, crosswalk, max(place - me.station, 0.0))
 
     def _calmly(self, seen: Observation, crosswalk: _Crosswalk, distance: float) -> float:
-        """Return the acceleration toward a moderate speed [m/s^2] if pedestrians stand near, or may be hidden.
+        """Return the acceleration toward a moderate speed [m/s^2] if pedestrians stand near, or a standing vehicle may hide them.
 
-        The result is inf if there is no such pedestrian, or if the own vehicle is slow enough.
-
-        Args:
-            distance: distance to the own stop before the crosswalk [m].
+        The result is inf if there is no such pedestrian, or if the own vehicle is slow enough. The distance is that to the own
+        stop [m].
         """
         speed, slow = seen.me.speed + CALM / _GAIN, max(math.sqrt(2.0 * CALM * distance), PEEK + CALM / _GAIN)
         braking = max(distance - MODERATE * MODERATE / (2.0 * FIRM), 0.0)
         moderate = math.sqrt(MODERATE * MODERATE + 2.0 * CALM * braking)
-        if speed > slow and _hidden(seen, crosswalk):
-            return max(_GAIN * (slow - speed), -FIRM)
+        if speed > slow:
+            me = seen.me
+            standing = [o for o in seen.others if o.speed < CREEP and o.kind is not Kind.PEDESTRIAN and o.entrance != me.entrance]
+            hidden = any(
+                crosses((me.x, me.y), side.sidewalk, (o.x, o.y, o.heading), (o.length, o.width))
+                for o in standing
+                for side in crosswalk.sides.values()
+            )
+            if hidden:
+                return max(_GAIN * (slow - speed), -FIRM)
         if speed <= moderate:
             return math.inf
         walkers = [abs(o.speed) for o in seen.others if o.station < 0.0 and o.entrance in crosswalk.sides]
         return max(_GAIN * (moderate - speed), -FIRM) if walkers and max(walkers) <= STANDS else math.inf
 
     def _owed(self, seen: Observation, crosswalk: _Crosswalk, place: float, margin: float, *, stops: bool) -> bool:
-        """Return whether the own vehicle has to let a pedestrian cross.
+        """Return whether the own vehicle, whose stop is at `place` [m], has to let a pedestrian cross.
 
-        Args:
-            place: station of the own stop [m].
-            margin: least time from the own leaving of the crosswalk to the arrival of a pedestrian [s].
+        The margin is the least time from the own leaving of the crosswalk to the arrival of a pedestrian [s].
         """
         me, cover = seen.me, crosswalk.cover
         cruise = min(crosswalk.cruise, MODERATE if stops else max(seen.speed_limit, me.speed))
@@ -183,45 +202,16 @@ class AtCrosswalks:
 
 
 def _reach(seen: Observation, deceleration: float, *, brakes: bool = False) -> float:
-    """Return the distance in which the own vehicle stops with a deceleration [m]; -inf if it nearly stands already.
-
-    Args:
-        deceleration: the deceleration [m/s^2].
-    """
+    """Return the distance in which the own vehicle stops with a deceleration [m/s^2]; -inf if it nearly stands already [m]."""
     speed, lag = seen.me.speed, 0.0 if brakes else seen.vehicle.brake_lag
     return speed * (lag + speed / (2.0 * deceleration)) if speed >= CREEP else -math.inf
-
-
-def _crosswalk(seen: Observation, track: Track, cover: Stretch, crossings: Sequence[Crossing]) -> _Crosswalk:
-    """Return a crosswalk as the own vehicle meets it.
-
-    Args:
-        cover: the stretch of the own way inside the painted area [m].
-    """
-    way, length = seen.itinerary, seen.me.length
-    mine, sides = cover, {}
-    for crossing in crossings:
-        shared = (seen.junction.stretches or {}).get(((way.entrance, way.exit), crossing.key))
-        if shared:
-            mine = shared.mine
-            enters = cover.start < way.length / 2.0  # the own vehicle, over the side of the entrances
-            own = half(seen.junction.crossings[crossing.crosswalk], crossing, first=enters is (crossing.side is Side.NEAR))
-            start = itinerary(seen.junction, *crossing.key).pose(-SIDEWALK)
-            lane = shared.yours
-            own = Stretch(min(own.start, lane.start), max(own.end, lane.end))
-            sides[crossing.entrance] = _Side(own, lane, (start.x, start.y))
-    cruise = track.slowest(min(max(cover.end + length, 0.0), way.length))
-    at_line = way.line <= cover.start < way.line + BEFORE + length
-    return _Crosswalk(cover, mine.start - NEAR, (mine.start + mine.end - PERSON) / 2.0, cruise, at_line, sides)
 
 
 def _comes(person: VehicleState, own: Stretch, lane: Stretch, light: Colour, passed: float, waits: bool) -> bool:
     """Return whether a pedestrian crosses the own side before the own vehicle.
 
-    Args:
-        own: the own side of the crosswalk, as stations of the pedestrian [m].
-        lane: the own lane within the own side [m].
-        passed: the time until the own vehicle has left the crosswalk, and the time that it keeps to the pedestrian [s].
+    The own side and the own lane within it are stations of the pedestrian [m]. `passed` is the time until the own vehicle has
+    left the crosswalk, and the time that it keeps to the pedestrian [s].
     """
     station, speed, back = person.station, person.speed, person.station - person.length
     if speed < -STANDS:  # the pedestrian has turned back
@@ -241,11 +231,7 @@ def _comes(person: VehicleState, own: Stretch, lane: Stretch, light: Colour, pas
 
 
 def _room(traffic: Observation, cover: Stretch) -> bool:
-    """Return whether the own vehicle finds room behind a crosswalk if the vehicles ahead stop.
-
-    Args:
-        cover: the stretch of the own way inside the painted area [m].
-    """
+    """Return whether the own vehicle finds room behind a crosswalk, which covers a stretch of its way, if vehicles ahead stop."""
     me, way = traffic.me, traffic.itinerary
     for other in traffic.others:
         if other.entrance == me.entrance:
@@ -259,14 +245,3 @@ def _room(traffic: Observation, cover: Stretch) -> bool:
         if front > me.station and rear < cover.end + GAP + me.length:
             return False
     return True
-
-
-def _hidden(seen: Observation, crosswalk: _Crosswalk) -> bool:
-    """Return whether a standing vehicle hides a sidewalk from which pedestrians come."""
-    me = seen.me
-    standing = [o for o in seen.others if o.speed < CREEP and o.kind is not Kind.PEDESTRIAN and o.entrance != me.entrance]
-    return any(
-        crosses((me.x, me.y), side.sidewalk, (o.x, o.y, o.heading), (o.length, o.width))
-        for o in standing
-        for side in crosswalk.sides.values()
-    )

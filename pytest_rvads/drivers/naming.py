@@ -53,24 +53,11 @@ def at(name: str, folder: Path | None = None) -> Any:
         raise ImportError("expected module:name, two names that may contain dots")
     if folder is not None and str(folder) not in sys.path:
         sys.path.insert(0, str(folder))
-    if folder is not None and module not in sys.modules and not _import_returns(module):
-        raise ImportError(f"{module} ended its process while it was imported, as os._exit does")
-    try:
-        imported = import_module(module)
-    except (ImportError, KeyboardInterrupt):
-        raise
-    except BaseException as error:  # code of a user may raise any error, and may call sys.exit
-        raise ImportError(f"{module} raised {located(error)}") from error
-    return attrgetter(attribute)(imported)
-
-
-def _import_returns(module: str) -> bool:
-    """Import a module in another process, and return whether the import ended, even by an error.
-
-    A module that ends its process would else end the command, with an exit status of its choice.
-    """
-    code = "\n".join(
-        (
+    if folder is not None and module not in sys.modules:
+        # A module that ends its process would end the command, with an exit status of its choice, so it is first imported in
+        # another process. What the module prints is printed by the import that follows. A fork would copy the locks of other
+        # threads.
+        lines = (
             "import importlib, os, sys",
             f"sys.path[:] = {sys.path!r}",
             "try:",
@@ -79,10 +66,17 @@ def _import_returns(module: str) -> bool:
             "    pass",
             f"os._exit({_RETURNED})",
         )
-    )
-    # What the module prints is printed by the import that follows. A fork would copy the locks of other threads.
-    done = subprocess.run([sys.executable, "-c", code], stdin=subprocess.DEVNULL, capture_output=True, check=False)
-    return done.returncode == _RETURNED
+        command = [sys.executable, "-c", "\n".join(lines)]
+        done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, check=False)
+        if done.returncode != _RETURNED:
+            raise ImportError(f"{module} ended its process while it was imported, as os._exit does")
+    try:
+        imported = import_module(module)
+    except (ImportError, KeyboardInterrupt):
+        raise
+    except BaseException as error:  # code of a user may raise any error, and may call sys.exit
+        raise ImportError(f"{module} raised {located(error)}") from error
+    return attrgetter(attribute)(imported)
 
 
 def name_of(driver: Any) -> str:

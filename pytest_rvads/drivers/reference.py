@@ -109,11 +109,7 @@ class Reference(Follower):
         return self.drive(seen, acceleration)
 
     def _among_vehicles(self, seen: Observation, acceleration: float) -> float:
-        """Return `acceleration` [m/s^2], or the lower acceleration that the line or another vehicle requires.
-
-        Args:
-            acceleration: the acceleration without other vehicles and without the line [m/s^2].
-        """
+        """Return `acceleration` [m/s^2], or the lower acceleration that the line or another vehicle requires."""
         zone = seen.me.zone
         stops = False
         leader = ahead_in_lane(seen)

@@ -239,8 +239,10 @@ class Light:
             if other.zone is JUNCTION:
                 if conflicts(seen, other):
                     return False
-            elif _comes_first(seen, other, k < seen.created) or _runs_red(seen, other):
-                return False
+            else:
+                runs_red = seen.lights[other.entrance] is _RED and runs_through(seen, other)
+                if _comes_first(seen, other, k < seen.created) or (runs_red and conflicts(seen, other)):
+                    return False
         return not exit_blocked(seen)
 
     def owes(self, seen: Observation) -> bool:
@@ -250,12 +252,32 @@ class Light:
 
     def _prior(self, seen: Observation, colour: Colour) -> list[VehicleState]:
         """Return the vehicles before the junction that have priority over the own vehicle and have not waived it."""
-        prior = [other for other in seen.others if self._has_priority(seen, other, colour)]
+        me, prior = seen.me, [other for other in seen.others if self._has_priority(seen, other, colour)]
         if self._paper:
-            self._remember(seen, prior)
+            # By the paper's rules, the obligation to let a vehicle enter first begins when both vehicles are at their entrances,
+            # and holds whatever the light of the other vehicle shows later. When the own light turns green, the obligation
+            # remains only toward vehicles that have priority at green.
+            if prior and me.zone is ENTRANCE:
+                # An oncoming left turn with green has priority over a right turn on red, which the paper's rules don't mention.
+                relation = seen.junction.opposite if me.turn is seen.junction.far else seen.junction.right_of
+                at_entrance = (other for other in prior if other.zone is ENTRANCE)
+                self._owed |= {other.name for other in at_entrance if (me.entrance, other.entrance) in relation}
+            if self._owed:
+                self._owed &= {other.name for other in seen.others if other.zone is ENTRANCE}
+            if self._owed and seen.lights[me.entrance] is _GREEN:
+                self._owed &= {other.name for other in prior}
             return prior
-        self._watch(seen)
-        return [other for _, other in not_queued(seen) if other in prior and other.name not in self._parked]
+        idle, parked = self._idle, self._parked
+        for other in seen.others:
+            stands = other.zone is ENTRANCE and other.speed <= STANDING
+            if parked and not stands:
+                parked.discard(other.name)
+            if stands and seen.lights[other.entrance] is _GREEN:
+                if seen.time - idle.setdefault(other.name, seen.time) >= WAIVER:
+                    parked.add(other.name)
+            elif idle:
+                idle.pop(other.name, None)
+        return [other for _, other in not_queued(seen) if other in prior and other.name not in parked]
 
     def _has_priority(self, seen: Observation, other: VehicleState, colour: Colour) -> bool:
         """Return whether `other` is before the junction and has priority over the own vehicle."""
@@ -269,35 +291,6 @@ class Light:
             return False
         goes = seen.lights[other.entrance] is not _RED or (other.zone is ENTRANCE and may_get_green(seen, other))
         return (goes and bool(conflicts(seen, other))) or (self._paper and (me.entrance, other.entrance) in junction.right_of)
-
-    def _remember(self, seen: Observation, prior: list[VehicleState]) -> None:
-        """Remember the vehicles that the paper's rules oblige the driver to let enter first.
-
-        The obligation begins when both vehicles are at their entrances, and holds whatever the light of the other vehicle shows
-        later. When the own light turns green, the obligation remains only toward vehicles that have priority at green.
-        """
-        me = seen.me
-        if prior and me.zone is ENTRANCE:
-            # An oncoming left turn with green has priority over a right turn on red, but the paper's rules don't mention this.
-            relation = seen.junction.opposite if me.turn is seen.junction.far else seen.junction.right_of
-            at_entrance = (other for other in prior if other.zone is ENTRANCE)
-            self._owed |= {other.name for other in at_entrance if (me.entrance, other.entrance) in relation}
-        if self._owed:
-            self._owed &= {other.name for other in seen.others if other.zone is ENTRANCE}
-        if self._owed and seen.lights[me.entrance] is _GREEN:
-            self._owed &= {other.name for other in prior}
-
-    def _watch(self, seen: Observation) -> None:
-        idle, parked = self._idle, self._parked
-        for other in seen.others:
-            stands = other.zone is ENTRANCE and other.speed <= STANDING
-            if parked and not stands:
-                parked.discard(other.name)
-            if stands and seen.lights[other.entrance] is _GREEN:
-                if seen.time - idle.setdefault(other.name, seen.time) >= WAIVER:
-                    parked.add(other.name)
-            elif idle:
-                idle.pop(other.name, None)
 
 
 def may_get_green(seen: Observation, other: VehicleState) -> bool:
@@ -340,7 +333,3 @@ def _comes_first(seen: Observation, other: VehicleState, earlier: bool) -> bool:
     if other.station < me.station or (other.station == me.station and not earlier):
         return False
     return bool(conflicts(seen, other)) and not _leaves_time(seen, other)
-
-
-def _runs_red(seen: Observation, other: VehicleState) -> bool:
-    return seen.lights[other.entrance] is _RED and runs_through(seen, other) and bool(conflicts(seen, other))

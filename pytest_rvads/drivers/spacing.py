@@ -168,8 +168,11 @@ def clear_of_bodies(seen: Observation, track: Track, followed: VehicleState | No
             gap = _free(track.places(me.station, reach), other, me.width / 2.0 + SIDE)
             if gap < math.inf:
                 along = other.speed * math.cos(other.heading - heading)
-                if not (foresees and _gone_by(speed, gap, other, along)):
-                    least = min(least, _follow(speed, gap, max(along, 0.0)))
+                if foresees and other.speed >= 1.0 and along <= other.speed * ACROSS:
+                    crossed = (other.length + other.width + 2.0 * SIDE) / other.speed + LEEWAY
+                    if gap / max(speed, 1.0) > crossed:
+                        continue  # it crosses the own way and will have left it when the own vehicle arrives
+                least = min(least, _follow(speed, gap, max(along, 0.0)))
     return least
 
 
@@ -227,19 +230,6 @@ def held_back(seen: Observation) -> float:
     return max(STAND_OFF, stand_back(junction, entrance), *(back for back in needed if back < math.inf))
 
 
-def _gone_by(speed: float, gap: float, other: VehicleState, along: float) -> bool:
-    """Return whether `other` crosses the own way and will have left it when the own vehicle arrives.
-
-    Args:
-        speed: own speed [m/s].
-        gap: distance to the other vehicle along the own way [m].
-        along: component of the other vehicle's velocity along the own heading [m/s].
-    """
-    if other.speed < 1.0 or along > other.speed * ACROSS:
-        return False
-    return gap / max(speed, 1.0) > (other.length + other.width + 2.0 * SIDE) / other.speed + LEEWAY
-
-
 def time_to(distance: float, speed: float, acceleration: float, limit: float) -> float:
     """Return the time [s] to drive `distance` [m] from `speed` [m/s], accelerating up to `limit` [m/s]."""
     if distance <= 0.0:
@@ -265,13 +255,7 @@ def _needed(speed: float, distance: float) -> float:
 
 
 def _follow(speed: float, gap: float, leader: float) -> float:
-    """Return the acceleration toward the safe speed of Gipps's car-following model (1981) [m/s^2].
-
-    Args:
-        speed: own speed [m/s].
-        gap: distance to the vehicle ahead [m].
-        leader: speed of the vehicle ahead [m/s].
-    """
+    """Return the acceleration toward the safe speed of Gipps's car-following model (1981) [m/s^2]."""
     room = gap - GAP
     if room <= 0.0 and speed < 0.3:
         return -math.inf
@@ -283,10 +267,8 @@ def _follow(speed: float, gap: float, leader: float) -> float:
 def _touch(axle: Pose, back: float, me: VehicleState, other: VehicleState) -> bool:
     """Return whether the own body, extended by `NEAR` on all sides, would overlap the body of `other`.
 
-    Two rectangles do not overlap if a line along a side of one of them separates the two (separating axis theorem).
-
-    Args:
-        back: distance from the own front to the rear axle [m].
+    Two rectangles do not overlap if a line along a side of one of them separates the two (separating axis theorem). The rear axle
+    is `back` behind the own front [m].
     """
     cos, sin = math.cos(axle.heading), math.sin(axle.heading)
     turned, ahead = other.heading - axle.heading, back - me.length / 2.0
@@ -303,11 +285,7 @@ def _touch(axle: Pose, back: float, me: VehicleState, other: VehicleState) -> bo
 
 
 def _free(places: list[tuple[float, float]], other: VehicleState, room: float) -> float:
-    """Return after how many metres the own way comes closer than `room` [m] to the body of `other`; inf if it never does.
-
-    Args:
-        room: half the own width, and the free space on each side [m].
-    """
+    """Return after how many metres the own way comes closer than `room` [m] to the body of `other`; inf if it never does."""
     cos, sin = math.cos(other.heading), math.sin(other.heading)
     aside, back = other.width / 2.0 + room, other.length + room
     for ahead, (x, y) in enumerate(places):

@@ -211,7 +211,6 @@ POLICIES: dict[str, Factory] = {
     "lgsvl": LgsvlLike,
     "sumo": SumoDriver,
 }
-"""The traffic policies by name."""
 EVERYWHERE = tuple(name for name, factory in POLICIES.items() if factory is not SumoDriver)
 """Names of the policies that drive in every simulator."""
 

@@ -52,14 +52,9 @@ class AxlePath(NamedTuple):
 
 @lru_cache(maxsize=256)
 def axle_path(itinerary: Itinerary, vehicle: Vehicle, lane_width: float, start: float = -math.inf) -> AxlePath | None:
-    """Return a path of the rear axle on which the body of a vehicle stays in its lane.
+    """Return a path of the rear axle, from the front at `start` on [m], on which the body of a vehicle stays in its lane.
 
-    Args:
-        lane_width: width of the lane [m].
-        start: station of the front at which the path begins [m].
-
-    Returns:
-        The path; None if the body stays in the lane while the rear axle follows the centre line.
+    The path is None if the body stays in the lane while the rear axle follows the centre line.
     """
     course = itinerary.course(lane_width, start)
     if start <= 0.0:
@@ -76,12 +71,7 @@ def axle_path(itinerary: Itinerary, vehicle: Vehicle, lane_width: float, start: 
 
 
 def approach_pace(line: Segment, start: float, vehicle: Vehicle, lane_width: float) -> Pace:
-    """Return how fast a vehicle can drive the planned path of its rear axle on an approach.
-
-    Args:
-        start: station of the front at which the path begins [m]; 0 is the end of the approach.
-        lane_width: width of the lane [m].
-    """
+    """Return how fast a vehicle can drive the planned path of its rear axle on an approach, which ends at station 0 [m]."""
     planned = plan(Course(line, line.length, 0.0, start, lane_width, 0.0), vehicle.body)
     return _pace(planned, vehicle) if planned else ()
 
@@ -151,11 +141,7 @@ class Track:
 
 
 def _bends(poses: Sequence[Pose], axle: float) -> list[float]:
-    """Return the highest speed in bends [m/s] at each pose but the first three and the last three.
-
-    Args:
-        axle: distance from the reference point to the rear axle [m].
-    """
+    """Return the highest speed in bends [m/s] at each pose but the first three and the last three."""
     # The headings of chords of two metres, four metres apart, are compared, so that neither the corners of a polyline nor the
     # overlap of two lanes at their joint counts as a bend.
     headings = [math.atan2(b.y - a.y, b.x - a.x) for a, b in zip(poses, poses[2:], strict=False)]
@@ -169,12 +155,8 @@ def _bends(poses: Sequence[Pose], axle: float) -> list[float]:
 def fastest(line: Segment, first: float, last: float, vehicle: Vehicle, lane_width: float) -> float:
     """Return the highest speed [m/s] at which all vehicles of a queue can start so that they can slow down for the bends ahead.
 
-    If the rear axle has to leave the centre line in a bend, the speed is also limited by the planned path.
-
-    Args:
-        first: station of the hindmost vehicle [m].
-        last: station of the foremost vehicle [m].
-        lane_width: width of the lane [m].
+    The queue reaches from station `first` to `last` [m]. If the rear axle has to leave the centre line in a bend, the speed is
+    also limited by the planned path.
     """
     axle = vehicle.rear_axle_offset
     trail = math.ceil(axle)

@@ -101,13 +101,26 @@ class Pilot(Follower):
         # A vehicle farther from the line would drive in the first ticks with and without deficiency I1.
         launching = self._has.i1 and distance <= self._constants.halt and seen.time < self._constants.launch - 1e-9
         if free or launching:
-            if not stops and me.turn is Turn.LEFT and not launching and self._yields(seen):
-                return self.drive(seen, -math.inf if me.speed < _SLOW else self._pursue(seen, 0.0))
-            acceleration = self._pursue(seen, self._cruise(seen))
+            if not stops and me.turn is Turn.LEFT and not launching:
+                if self._has.i5:
+                    yields = me.zone is Zone.JUNCTION and listed(seen)
+                else:
+                    yields = me.zone <= Zone.ENTRANCE and oncoming(seen)
+                if yields:
+                    return self.drive(seen, -math.inf if me.speed < _SLOW else self._pursue(seen, 0.0))
+            target = self.target_speed(seen)
+            if me.turn is not Turn.STRAIGHT and me.station <= seen.itinerary.length:
+                slow = TURN_SHARE * target
+                target = min(target, math.sqrt(slow * slow - 2.0 * _TURN_EASE * min(me.station, 0.0)))
+            acceleration = self._pursue(seen, target)
             if everybody.others and me.speed > _SLOW:
                 acceleration = min(acceleration, clear_of_bodies(everybody, self.track(seen)))
         else:
-            target = self._approach(seen, distance)
+            target, halt = 0.0, self._constants.halt
+            if distance > halt:
+                # The target speed of the original would need more braking than a car has, so the brakes limit the speed.
+                brake = self._constants.braking * seen.vehicle.brake[seen.aggression - 1]
+                target = min(seen.speed_limit, self.stopping_speed(distance - halt, brake), seen.speed_limit * distance / SLOW)
             if target <= 0.0 and me.speed < STANDING and seen.time >= self._constants.launch:
                 return self.drive(seen, -math.inf)
             acceleration = self._pursue(seen, target)
@@ -149,46 +162,19 @@ class Pilot(Follower):
             self._stood = seen.time
         if colour is Colour.GREEN and self._green is None:
             self._green = seen.time
-        if self._may_go(seen, colour):
-            self._release(seen)
-
-    def _may_go(self, seen: Observation, colour: Colour) -> bool:
-        """Return whether a vehicle that decided to stop at a light crosses the line now.
-
-        A right turn goes at green, or at red after a waiting time. A left turn goes a waiting time after green.
-        """
-        if seen.me.turn is Turn.RIGHT:
+        # A right turn goes at green, or at red after a waiting time. A left turn goes a waiting time after green.
+        if me.turn is Turn.RIGHT:
             waited = self._stood is not None and seen.time - self._stood >= seen.wait - 1e-9
-            return colour is Colour.GREEN or (waited and (self._has.i4 or not prior_on_red(seen)))
-        extra = min(max(seen.wait, TURN_WAIT[0]), TURN_WAIT[1]) if seen.me.turn is Turn.LEFT else 0.0
-        return self._green is not None and seen.time - self._green >= extra - 1e-9
+            goes = colour is Colour.GREEN or (waited and (self._has.i4 or not prior_on_red(seen)))
+        else:
+            extra = min(max(seen.wait, TURN_WAIT[0]), TURN_WAIT[1]) if me.turn is Turn.LEFT else 0.0
+            goes = self._green is not None and seen.time - self._green >= extra - 1e-9
+        if goes:
+            self._release(seen)
 
     def _release(self, seen: Observation) -> None:
         self._free = True
         self._since = seen.time
-
-    def _yields(self, seen: Observation) -> bool:
-        """Return whether the driver stops for oncoming vehicles on a left turn, after it decided to cross the line."""
-        if self._has.i5:
-            return seen.me.zone is Zone.JUNCTION and listed(seen)
-        return seen.me.zone <= Zone.ENTRANCE and oncoming(seen)
-
-    def _cruise(self, seen: Observation) -> float:
-        """Return the target speed of the vehicle while it does not have to stop [m/s]."""
-        normal, me = self.target_speed(seen), seen.me
-        if me.turn is Turn.STRAIGHT or me.station > seen.itinerary.length:
-            return normal
-        slow = TURN_SHARE * normal
-        return min(normal, math.sqrt(slow * slow - 2.0 * _TURN_EASE * min(me.station, 0.0)))
-
-    def _approach(self, seen: Observation, distance: float) -> float:
-        """Return the target speed of a vehicle that has to stop and is `distance` [m] away from its stopping line [m/s]."""
-        halt = self._constants.halt
-        if distance <= halt:
-            return 0.0
-        # The target speed of the original would need more braking than a car has, so the speed is limited by the brakes.
-        possible = self.stopping_speed(distance - halt, self._constants.braking * seen.vehicle.brake[seen.aggression - 1])
-        return min(seen.speed_limit, possible, seen.speed_limit * distance / SLOW)
 
     def _pursue(self, seen: Observation, target: float) -> float:
         """Return the acceleration toward the speed `target` [m/s^2].
