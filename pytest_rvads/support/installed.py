@@ -23,24 +23,12 @@ ENGINES = ("pybullet", "mujoco", "libsumo")
 
 @cache
 def entries(group: str) -> Mapping[str, EntryPoint]:
-    """Return the entry points of a group by name, in alphabetical order.
-
-    Args:
-        group: name of the group without its prefix, such as ``simulators``.
-    """
+    """Return the entry points of a group, such as ``simulators``, by name, in alphabetical order."""
     return {entry.name: entry for entry in sorted(entry_points(group=f"rvads.{group}"), key=lambda entry: entry.name)}
 
 
 def load(group: str, name: str) -> Any:
-    """Return the object that an entry point names.
-
-    Args:
-        group: name of the group without its prefix.
-        name: name of an entry point of the group.
-
-    Raises:
-        RvadsError: the object can't be imported; the message names the entry point and the package that declares it.
-    """
+    """Return the object that an entry point names."""
     entry = entries(group)[name]
     try:
         return entry.load()
@@ -52,11 +40,7 @@ def load(group: str, name: str) -> Any:
 
 
 def versions(*libraries: str) -> dict[str, str]:
-    """Return the versions of this package, of numpy, of Python and of further libraries, by name.
-
-    Args:
-        libraries: names of packages; packages that are not installed are left out.
-    """
+    """Return the versions of this package, of numpy, of Python and of further libraries, if installed, by name."""
     by_name = {"pytest-rvads": __version__}
     for library in libraries:
         try:

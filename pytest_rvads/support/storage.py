@@ -49,11 +49,7 @@ def open_file(path: Path) -> BinaryIO:
 
 
 def read_file(path: Path, most: int) -> bytes:
-    """Return the content of a regular file.
-
-    Args:
-        most: greatest accepted size [bytes].
-    """
+    """Return the content of a regular file of at most `most` bytes."""
     with open_file(path) as file:
         size = os.fstat(file.fileno()).st_size
         content = file.read() if size <= most else b""
