@@ -22,7 +22,7 @@ from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.runs.itineraries import Itinerary, itinerary
 from pytest_rvads.runs.periods import NEAR, Period, busy_periods
 from pytest_rvads.runs.run import DT, Excerpt, Facts, Run
-from pytest_rvads.runs.smoothing import DERIVED, PACE, beside
+from pytest_rvads.runs.smoothing import BRIEF, DERIVED, PACE, beside
 from pytest_rvads.runs.states import Agent, Colour, Kind, Zone
 
 _Values = NDArray[np.float64]
@@ -149,7 +149,9 @@ class Recording(Sequence[Run]):
             rows = slice(int(begin), int(end))
             at = ticks[rows]
             station[rows, column] = stations(track.times, track.station, track.speed, at)
-            speed[rows, column] = speeds(track.times, track.station, track.speed, track.spread, at)
+            around = (track.times, track.station, track.speed, track.spread)
+            # In noisy speeds, a stop between two samples can't be told from noise.
+            speed[rows, column] = speeds(*around, at) if self.speed_accuracy <= 0.0 else np.interp(at, track.times, track.speed)
             unwrapped = np.column_stack((track.pose[:, :2], np.unwrap(track.pose[:, 2])))
             pose[rows, column] = np.stack([np.interp(at, track.times, values) for values in unwrapped.T], axis=1)
             spread[rows, column] = 0.0 if track.spread is None else np.interp(at, track.times, track.spread)
@@ -204,7 +206,7 @@ class Recording(Sequence[Run]):
         accuracy = self.speed_accuracy
         if self.position_accuracy > 0.0 and accuracy < DERIVED:
             accuracy = beside(accuracy, _sampling_time(tracks))
-        return max(accuracy, HARDEST * max(_sampling_time(tracks) - DT, 0.0) / 2 / _ALL)
+        return max(accuracy, HARDEST * max(_sampling_time(tracks) - BRIEF, 0.0) / 2 / _ALL)
 
 
 def _drives(track: Track) -> bool:

@@ -4,6 +4,9 @@ The station of a vehicle is estimated from the samples around, by a polynomial o
 shorter windows (intersection of confidence intervals, Goldenshluger and Nemirovski 1997). If speeds were measured, only the
 difference between the stations and the integral of the speeds is estimated. With measured speeds the window can be longer and the
 station is more accurate, especially on a straight stretch. A vehicle that stands gets a single station.
+
+Noisy speeds are smoothed in the same way. All samples of a window decide whether a vehicle stands or rolls: a stand is proven,
+excluded, or neither.
 """
 
 from __future__ import annotations
@@ -47,13 +50,21 @@ STAND = 0.8
 """Shortest time in one place that proves a stand [s]; full stops are rarely shorter."""
 PACE = 0.1
 """Largest speed of a standing vehicle [m/s], see `pytest_rvads.logic.conduct.standing.STANDSTILL`."""
+ROLL = 0.2
+"""Least speed of rolling that a stand is told from [m/s]: twice the largest speed of a standing vehicle."""
+CERTAIN = 11.0
+"""Logarithm of the ratio of the likelihoods of standing and rolling that proves a stand."""
+BRIEF = 0.1
+"""Shortest stop that is looked for [s]."""
+LINKED = 0.8
+"""Time after which the errors of two samples count as independent [s]."""
 _FEW = 8
 """Shortest stretch from which the delay of speeds is estimated [samples]."""
 _MOST_SAMPLES = 200
 """Most samples of a window; a longer window is shortened. With so many samples, a station is ten times as exact as a sample."""
 
 
-def roughness(times: _Values, values: _Values) -> float:
+def roughness(times: _Values, values: _Values, stride: int = 1) -> float:
     """Return the standard deviation of the noise in samples of a smooth quantity; 0 for too few samples.
 
     The estimate is the scaled median of third differences, to which polynomials of second degree contribute nothing. The median
@@ -64,13 +75,38 @@ def roughness(times: _Values, values: _Values) -> float:
         times: increasing times of the samples, shape ``(samples,)`` [s]; differences over gaps are left out.
         values: measured values, shape ``(samples,)``.
     """
-    steps = np.diff(times)
-    if len(values) < 8 or not (steps > 0).all():
+    steps = times[stride:] - times[:-stride]
+    if len(values) < 8 * stride or not (steps > 0).all():
         return 0.0
     even = np.abs(steps / np.median(steps) - 1.0) < 0.2
-    whole = even[:-2] & even[1:-1] & even[2:]
-    third = np.diff(values, n=3)[whole] / np.sqrt(20.0)  # 1, 3, 3, 1 squared add up to 20
+    whole = even[: -2 * stride] & even[stride:-stride] & even[2 * stride :]
+    third = values
+    for _ in range(3):
+        third = third[stride:] - third[:-stride]
+    third = third[whole] / np.sqrt(20.0)  # 1, 3, 3, 1 squared add up to 20
     return float(np.median(np.abs(third)) / 0.6745) if len(third) >= 5 else 0.0
+
+
+def linkage(times: _Values, values: _Values) -> float:
+    """Return the factor by which `roughness` is too small for means over several samples; 1 for independent errors.
+
+    A tracker makes the errors of successive samples alike. Such errors look small in `roughness`, and hardly vanish in a mean.
+    They are taken as autoregressive noise, whose correlation follows from the roughness over `LINKED` and over a single step.
+    The motion of vehicles adds to the former, see `ALLOWED`.
+
+    Args:
+        times: increasing times of the samples, shape ``(samples,)`` [s].
+        values: lateral offsets, shape ``(samples,)`` [m].
+    """
+    stride = round(LINKED / float(np.median(np.diff(times)))) if len(times) > 1 else 0
+    near = roughness(times, values)
+    if stride < 2 or near <= 0.0:
+        return 1.0
+    link = np.linspace(0.0, 0.99, 100)
+    seen = [1.0 - 1.5 * x + 0.6 * x**2 - 0.1 * x**3 for x in (link, link**stride)]  # of the variance, in third differences
+    factor = np.sqrt((1.0 + link) / (1.0 - link) / seen[0])
+    far = max(roughness(times, values, stride) ** 2 - (ALLOWED / SURE) ** 2, 0.0)
+    return float(np.interp(far / near**2, seen[1] / seen[0], factor))
 
 
 def beside(accuracy: float, apart: float) -> float:
@@ -146,23 +182,46 @@ def smoothed(
 
 
 def _smoothed_speeds(times: _Values, station: _Values, accuracy: float, speed: _Values, noise: float) -> _Values:
-    """Return noisy speeds smoothed, and exactly 0 where speeds and stations prove a stand.
+    """Return noisy speeds smoothed: exactly 0 where a stand is proven, and clear of `PACE` where a stop is excluded.
 
-    If the magnitude of the velocity was measured, no speed is negative and the mean speed of a standing vehicle is too high, so
-    only the stations prove a stand.
+    Where a stop is possible and not proven, the speed is above `PACE` by less than its accuracy.
     """
-    smooth = _fitted(times, speed, noise, 2, np.full(len(times), LONG)).value
-    for reach in (reach for reach in REACHES if reach <= BENT):
-        mean = _window(times, speed, reach, noise, 0)
-        smooth[np.abs(mean.value) + AGREE * mean.deviation <= PACE] = 0.0
-    for begin, end in _stands(times, station, accuracy):
-        stand = slice(begin, end)
-        at = times[stand] - times[stand].mean()
-        weights = float((at**2).sum()) / accuracy**2, (end - begin) / noise**2 * float(speed[stand].min() < 0.0)
-        creep = float((at * station[stand]).sum()) / accuracy**2 + weights[1] * float(speed[stand].mean())
-        if abs(creep) / sum(weights) + AGREE / float(np.sqrt(sum(weights))) <= PACE:
-            smooth[stand] = 0.0
+    smooth = np.abs(_fitted(times, speed, noise, 2, np.full(len(times), LONG)).value)
+    edge = PACE + SURE * beside(noise, float(np.median(np.diff(times))))
+    mean, error = _means(times, np.abs(speed), noise)
+    possible = mean - AGREE * error <= np.maximum(PACE, AGREE * error)
+    smooth = np.where(possible, (PACE + edge) / 2, np.maximum(smooth, edge + ALLOWED))
+    smooth[possible & _proven(times, station, accuracy, speed, noise)] = 0.0
     return smooth
+
+
+def _means(times: _Values, speed: _Values, noise: float) -> tuple[_Values, _Values]:
+    """Return the mean speed within half of `BRIEF` of every sample, and its standard deviation [m/s]."""
+    begin, end = np.searchsorted(times, times - BRIEF / 2 - 1e-9), np.searchsorted(times, times + BRIEF / 2 + 1e-9)
+    total = np.concatenate(([0.0], np.cumsum(speed)))
+    return (total[end] - total[begin]) / (end - begin), noise / np.sqrt(end - begin)
+
+
+def _proven(times: _Values, station: _Values, accuracy: float, speed: _Values, noise: float) -> NDArray[np.bool_]:
+    """Return around which samples a stand is proven: all samples of a window tell it from rolling at `ROLL`.
+
+    The proof is the logarithm of the ratio of the likelihoods. For normal errors, rolling at `ROLL` or faster reaches a logarithm
+    of `CERTAIN` with a probability of at most ``exp(-CERTAIN)``. A magnitude can't be told from its negative.
+    """
+    turned = ROLL * speed / noise**2
+    told = np.logaddexp(turned, -turned) - np.log(2.0) if speed.min() >= 0.0 else turned
+    at, along = times - times[0], station - station[0]
+    rows = np.stack((ROLL**2 / noise**2 / 2 - told, np.ones(len(at)), at, at**2, along, at * along))
+    sums = np.concatenate((np.zeros((len(rows), 1)), np.cumsum(rows, axis=1)), axis=1)
+    proven = np.zeros(len(times), dtype=np.bool_)
+    for long in REACHES:
+        begin = np.flatnonzero(at <= at[-1] - long)
+        end = np.searchsorted(at, at[begin] + long + 1e-9)
+        ratio, count, at, squared, place, moment = sums[:, end] - sums[:, begin]
+        way, driven = squared - at**2 / count, moment - at * place / count
+        sure = ratio + ROLL * (ROLL * way / 2 - driven) / accuracy**2 >= CERTAIN
+        proven[(begin + end)[sure] // 2] = True
+    return proven
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ import pytest
 
 from pytest_rvads import Case, Reference, RollingStop, Run, Scenario, Status, check, find, simulate
 from pytest_rvads.files import read_tracks
+from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.recording import Recording
 
 COLUMNS = ("time", "id", "x", "y", "heading", "vx", "vy", "length", "width")
@@ -71,3 +72,43 @@ def test_accuracy_of_speeds_is_estimated_to_a_quarter(runs: list[Run], accuracy:
     recording = read_tracks(logged(runs[0], accuracy, 0, forward=True), STOP)
     assert recording.speed_accuracy == pytest.approx(accuracy, rel=0.25)
     assert read_tracks(logged(runs[0], 0.0, 0, forward=True), STOP).speed_accuracy == 0.0
+
+
+def passing(often: int, deviation: float, link: float, seed: int) -> tuple[dict[str, Any], dict[str, Status]]:
+    """Return a log of vehicles that slow down before the line, and whether each has stopped.
+
+    Errors of coordinates and speeds have the same deviation, and correlate by `link` within a tenth of a second.
+    """
+    rng, way, rows, truth = np.random.default_rng(seed), Itinerary.through(STOP, 0, 2), [], {}
+    profiles = [(0.0, lasts) for lasts in (0.1, 0.15, 0.2, 0.3, 0.5, 0.8, 1.2, 2.0)]
+    profiles += [(least, min(1.5, 3.0 / least)) for least in (0.2, 0.2, 0.25, 0.3, 0.35, 0.5, 1.0, 2.0)]
+    for number, (least, lasts) in enumerate(profiles):
+        fine = np.arange(0.0, 12.0 + lasts, 0.001)
+        speed = np.minimum(least + np.where(fine < 5.0, 3.0 * (5.0 - fine), 2.0 * np.maximum(fine - 5.0 - lasts, 0.0)), 8.0)
+        station = np.cumsum(speed) * 0.001
+        station -= station[round((5.0 + lasts) * 1000)] + 1.0
+        at = slice(int(rng.integers(1000 // often)), int(np.searchsorted(station, way.end - 1.0)), 1000 // often)
+        errors = rng.normal(0.0, deviation, (len(fine[at]), 3))
+        kept = link ** (10 / often)
+        for k in range(1, len(errors)):
+            errors[k] = kept * errors[k - 1] + np.sqrt(1.0 - kept**2) * errors[k]
+        for time, where, fast, (dx, dy, dv) in zip(fine[at], station[at], speed[at], errors, strict=True):
+            x, y, heading = way.pose(where)
+            x, y = x - 2.3 * np.cos(heading) + dx, y - 2.3 * np.sin(heading) + dy
+            rows.append((40.0 * number + time, f"v{number}", x, y, heading, abs(fast + dv), 4.6, 1.8))
+        truth[f"v{number}"] = Status.FAIL if least else Status.PASS
+    columns = ("time", "id", "x", "y", "heading", "speed", "length", "width")
+    return {name: np.array(values) for name, values in zip(columns, zip(*rows, strict=True), strict=True)}, truth
+
+
+@pytest.mark.extended
+@pytest.mark.parametrize("link", [0.0, 0.4, 0.8])
+@pytest.mark.parametrize("deviation", [0.02, 0.05, 0.1, 0.15])
+@pytest.mark.parametrize("often", [5, 10, 25])
+def test_no_stop_is_judged_wrong(often: int, deviation: float, link: float) -> None:
+    """The longest stop and the fastest of who rolls are definite where a tenth of a second tells 2 m/s from a stop."""
+    log, truth = passing(often, deviation, link, seed=0)
+    found = verdicts(read_tracks(log, STOP))
+    assert {a: status for a, status in found.items() if status not in (truth[a], Status.UNSURE)} == {}
+    if link == 0.0 and deviation <= 0.05 and often >= 10:
+        assert (found["v7"], found["v15"]) == (Status.PASS, Status.FAIL)

@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from pytest_rvads.runs.smoothing import beside, delay, roughness, smoothed
+from pytest_rvads.runs.smoothing import BRIEF, PACE, ROLL, beside, delay, linkage, roughness, smoothed
 
 
 def drive(often: int, stand: float = 3.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -131,3 +133,49 @@ def test_offsets_are_as_exact_as_told(often: int, accuracy: float) -> None:
 def test_exact_or_rare_offsets_are_not_smoothed() -> None:
     assert beside(0.0, 0.1) == 0.0
     assert beside(0.1, 1.0) == 0.1
+
+
+def slows_down(often: int, least: float, lasts: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return times, stations and speeds: braking at 3 m/s^2 to the `least` speed, which `lasts`, and setting off at 2 m/s^2."""
+    fine = np.arange(0.0, 12.0, 0.001)
+    speed = np.minimum(least + np.where(fine < 4.0, 3.0 * (4.0 - fine), 2.0 * np.maximum(fine - 4.0 - lasts, 0.0)), 8.0)
+    station = np.concatenate(([0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 * 0.001)))
+    times = np.arange(0.0, 12.0, 1.0 / often)
+    return times, np.interp(times, fine, station), np.interp(times, fine, speed)
+
+
+@settings(derandomize=True, deadline=None, max_examples=100)
+@given(
+    often=st.sampled_from([10, 25, 30]),
+    noise=st.floats(0.03, 0.2),
+    least=st.floats(ROLL, 2.0) | st.just(0.0),
+    lasts=st.floats(BRIEF, 3.0),
+    seed=st.integers(0, 2**32),
+    magnitude=st.booleans(),
+)
+def test_noise_neither_makes_a_stop_nor_hides_one(
+    often: int, noise: float, least: float, lasts: float, seed: int, magnitude: bool
+) -> None:
+    """Who rolls has no speed at which a vehicle stands; who stops has such a speed, or one that is nearer than its accuracy."""
+    times, station, speed = slows_down(often, least, lasts)
+    errors = np.random.default_rng(seed).normal(0.0, noise, (2, len(times)))
+    speed = np.abs(speed + errors[1]) if magnitude else speed + errors[1]
+    slowest = smoothed(times, station + errors[0], speed, noise, noise=noise)[1].min()
+    if least > 0.0:
+        assert slowest > PACE
+    else:
+        assert slowest <= PACE + 3 * beside(noise, 1.0 / often)
+
+
+@pytest.mark.parametrize("often", [10, 25])
+@pytest.mark.parametrize("link", [0.0, 0.5, 0.8])
+def test_errors_that_are_alike_count_as_larger_independent_errors(often: int, link: float) -> None:
+    """A mean of autoregressive errors varies as that of independent errors that are sqrt((1 + link) / (1 - link)) as large."""
+    rng, times, estimates = np.random.default_rng(6), np.arange(0.0, 30.0, 1.0 / often), []
+    for _ in range(40):
+        errors = rng.normal(0.0, 0.1 * np.sqrt(1.0 - link**2), len(times))
+        errors[0] = rng.normal(0.0, 0.1)
+        for k in range(1, len(errors)):
+            errors[k] += link * errors[k - 1]
+        estimates.append(roughness(times, errors) * linkage(times, errors))
+    assert np.median(estimates) == pytest.approx(0.1 * np.sqrt((1.0 + link) / (1.0 - link)), rel=0.25)

@@ -41,6 +41,7 @@ from pytest_rvads.satellites.tracks.matching import (
     accuracy_of,
     delay_of,
     directions,
+    linkage_of,
     noise_of,
     track_of,
 )
@@ -266,14 +267,15 @@ def recording_of(log: Log, junction: Junction, intake: Intake, recorded_lights: 
     left_out += [(walker.name, reason) for walker in walkers if walker.name not in on_foot]
     junction = junction.walked if walks else junction
     accuracy, measured = intake.position_accuracy, [(vehicle, match) for _, vehicle, match in matched]
+    linked = linkage_of(measured)
     if accuracy is None:  # some logs repeat the position of a vehicle that stands, without noise
-        accuracy = accuracy_of([pair for pair in measured if np.ptp(pair[1].station) >= STEP] or measured)
+        accuracy = accuracy_of([pair for pair in measured if np.ptp(pair[1].station) >= STEP] or measured) * linked
     accuracy_on_foot = intake.position_accuracy
     if accuracy_on_foot is None:
         accuracy_on_foot = max(accuracy, accuracy_of([(walker, walk) for _, walker, walk in walks]))
     noise = intake.speed_accuracy
     if noise is None:
-        noise = noise_of(measured) if accuracy > 0.0 else 0.0
+        noise = noise_of(measured, linked) if accuracy > 0.0 else 0.0
     derived = any(vehicle.speed is None for _, vehicle, _ in matched)
     named = _uniquely_named([*matched, *walks])
     return Recording(

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.recording import Track
-from pytest_rvads.runs.smoothing import QUIET, delay, roughness, smoothed
+from pytest_rvads.runs.smoothing import QUIET, delay, linkage, roughness, smoothed
 from pytest_rvads.runs.states import Agent
 from pytest_rvads.satellites.tracks.samples import Samples
 
@@ -46,6 +46,8 @@ _AGAINST = -0.3
 """Least cosine of the angle between the headings of a vehicle and of a way at which the vehicle can be on the way."""
 _EXACT = 0.005
 """Standard deviation of positions below which positions count as exact [m]: rounding to two decimals has a smaller deviation."""
+_CHANCE = 1.25
+"""Largest `linkage` that a few vehicles with independent errors can show."""
 _BODY = 5.0
 """Length that is assumed for a vehicle without a recorded length [m]. While any part of this length is in a bend, recorded speeds
 can differ from the speed of the front bumper, because the front bumper follows another line than the recorded point."""
@@ -306,16 +308,26 @@ def accuracy_of(matches: Sequence[tuple[Samples, Matched]]) -> float:
     return estimate if estimate >= _EXACT else 0.0
 
 
-def noise_of(matches: Sequence[tuple[Samples, Matched]]) -> float:
-    """Return the standard deviation of a recorded speed, estimated from the roughness of the speeds [m/s].
+def noise_of(matches: Sequence[tuple[Samples, Matched]], linked: float = 1.0) -> float:
+    """Return the standard deviation of a recorded speed, estimated from the roughness of the speeds and their linkage [m/s].
 
     The result is 0 if the speeds are exact or the log has no speeds.
     """
     estimates = [
         roughness(vehicle.times[match.rows], vehicle.speed[match.rows]) for vehicle, match in matches if vehicle.speed is not None
     ]
-    estimate = float(np.median(estimates)) if estimates else 0.0
+    estimate = linked * float(np.median(estimates)) if estimates else 0.0
     return estimate if estimate > QUIET else 0.0
+
+
+def linkage_of(matches: Sequence[tuple[Samples, Matched]]) -> float:
+    """Return the `linkage` of the errors of lateral offsets, the median over all vehicles; 1 if it can be due to chance.
+
+    Vehicles keep their lateral offsets, so that only errors change the offsets within a second. A tracker links the errors of
+    positions and speeds alike.
+    """
+    estimate = float(np.median([linkage(vehicle.times[match.rows], match.lateral) for vehicle, match in matches] or [1.0]))
+    return estimate if estimate > _CHANCE else 1.0
 
 
 def delay_of(matches: Sequence[tuple[Samples, Matched]]) -> float:
