@@ -69,7 +69,10 @@ def judge(question: Question, job: Job) -> bytes:
         )
     try:
         with choosing(Choice(question.simulator, question.limits)):
-            run = simulate(_with_first_equal_place(job.case), question.simulator)
+            # Each case arrives with a copy of its junction, and caches are kept per junction object.
+            place = _first_equal(job.case.scenario.place)
+            case = job.case if place is job.case.scenario.place else job.case.but(place=place)
+            run = simulate(case, question.simulator)
     except (Exception, SystemExit) as error:
         return encode(undecided(question, job, sentence(error)))
     return encode(
@@ -82,15 +85,6 @@ def judge(question: Question, job: Job) -> bytes:
             **of_run(run),
         )
     )
-
-
-def _with_first_equal_place(case: Case) -> Case:
-    """Return a case whose junction is one object for all equal junctions.
-
-    Each case arrives with a copy of its junction, and caches are kept per junction object.
-    """
-    place = _first_equal(case.scenario.place)
-    return case if place is case.scenario.place else case.but(place=place)
 
 
 @lru_cache(maxsize=256)

@@ -83,7 +83,7 @@ def campaign(
     remaining = iter(cases)
     first = next(remaining, None)
     keys = Keys(maker)
-    question = Question(_portable_rules(rules), maker, choice().limits, code(), versions(*_libraries(maker)))
+    question = Question(_portable_rules(rules), maker, choice().limits, code(), versions(*getattr(maker, "libraries", ())))
     if first is not None:
         require(first, Case, "a campaign takes cases: rvads.Case(scenario, driver)", ScenarioError)
         remaining = chain((first,), remaining)
@@ -186,10 +186,6 @@ def _portable_rules(rules: str | Rule | Iterable[str | Rule]) -> tuple[str | Rul
         else:
             portable_rules.append(part if isinstance(part, str) else part.name)
     return tuple(portable_rules)
-
-
-def _libraries(simulator: Simulator) -> tuple[str, ...]:
-    return tuple(getattr(simulator, "libraries", ()))
 
 
 def _campaign_head(question: Question, keys: Keys, first: Case | None) -> Head:

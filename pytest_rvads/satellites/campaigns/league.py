@@ -184,8 +184,6 @@ class League:
                 continue
         if not lines:
             return []
-        return draw(lines, self.config.critical, self.config.seed, _stratum, lambda line: line.id)
-
-
-def _stratum(line: Line) -> tuple[str, ...]:
-    return line.place.name, line.vista
+        return draw(
+            lines, self.config.critical, self.config.seed, lambda line: (line.place.name, line.vista), lambda line: line.id
+        )

@@ -85,11 +85,7 @@ def judge_league(path: Path, folder: Path, executor: Executor | int | None) -> i
 
 
 def _judged(league: League, name: str, simulator: Simulator, folder: Path, executor: Executor | int | None) -> dict[str, Any]:
-    """Return the results of a driver as a JSON object, after its cells and lines without a result have been simulated.
-
-    If an error or an interruption stops the simulations, the results are those of the files. Without an executor, which says that
-    the league was interrupted before, nothing is simulated.
-    """
+    """Return the results of a driver as a JSON object; without an executor, which means an interruption, nothing is simulated."""
     notes, sides = list[str](), list[dict[str, Any]]()
     results: AbstractContextManager[Iterable[Judged]]
     with opened_driver(league.config.drivers[name].words()) as driver:
@@ -143,10 +139,7 @@ def _cut(error: BaseException) -> str:
 def _sides(
     league: League, name: str, driver: Factory, simulator: Simulator, path: Path, executor: Executor | int | None
 ) -> Iterator[dict[str, Any]]:
-    """Yield both sides of every line of starts; sides in the file are not searched again, other sides are added.
-
-    Without an executor, only the sides in the file are yielded.
-    """
+    """Yield both sides of every line of starts; without an executor, only the sides in the file."""
     known = decode(read_file(path, _LARGEST), list[_Side], f"{path} is damaged", RvadsError) if path.exists() else []
     due = [(line.id, order) for line in league.lines for order in Order]
     if len(known) % 2 or [(side.line, side.order) for side in known] != due[: len(known)]:
@@ -264,14 +257,19 @@ def sections(league: Mapping[str, Any]) -> Iterator[Section]:
     rules = [rule for rule in league["rules"] if _applied(league, rule)]
     verdicts = (((d["name"], ""), *(_verdict_cell(d, rule) for rule in rules)) for d in league["drivers"])
     yield Section("verdicts", (), ("driver", *rules), tuple(verdicts))
-    yield Section("figures", (), _FIGURES, tuple(_plain(_figures(driver)) for driver in league["drivers"]))
+    figures = []
+    for driver in league["drivers"]:
+        faults = Counter(side["fault"] for side in driver["sides"])
+        met, hours, gap = f"{driver['met']} of {driver['pairs']}", f"{driver['hours']:.2f} h", f"{driver['gap']:g} s"
+        started = sum(side["started"] for side in driver["sides"])
+        figures.append(_plain((driver["name"], driver["runs"], hours, met, gap, started, *(faults[fault] for fault in _FAULTS))))
+    yield Section("figures", (), _FIGURES, tuple(figures))
     for driver in league["drivers"]:
         if causes := tuple(_cause_rows(driver)):
             yield Section(f"causes: {driver['name']}", (), _CAUSES, causes)
 
 
 def _applied(league: Mapping[str, Any], rule: str) -> bool:
-    """Return whether a rule applied to a run of a driver."""
     return any(outcome is not Outcome.NA for driver in league["drivers"] for outcome in _counts(driver, rule))
 
 
@@ -292,7 +290,6 @@ def _reading(league: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _counts(driver: Mapping[str, Any], rule: str) -> Counter[Any]:
-    """Return the numbers of verdicts of a rule by outcome."""
     return Counter({Outcome(outcome): count for outcome, count in driver["verdicts"].get(rule, {}).items()})
 
 
@@ -302,13 +299,6 @@ def _verdict_cell(driver: Mapping[str, Any], rule: str) -> tuple[str, str]:
     del counts[Outcome.NA]
     text, mark = cell(counts)
     return f"{text} ({counts.total()})" if text and "/" not in text else text, _MARKS.get(mark, "")
-
-
-def _figures(driver: Mapping[str, Any]) -> tuple[object, ...]:
-    faults = Counter(side["fault"] for side in driver["sides"])
-    met, hours, gap = f"{driver['met']} of {driver['pairs']}", f"{driver['hours']:.2f} h", f"{driver['gap']:g} s"
-    started = sum(side["started"] for side in driver["sides"])
-    return driver["name"], driver["runs"], hours, met, gap, started, *(faults[fault] for fault in _FAULTS)
 
 
 def _cause_rows(driver: Mapping[str, Any]) -> Iterator[tuple[tuple[str, str], ...]]:
@@ -323,7 +313,6 @@ def _cause_rows(driver: Mapping[str, Any]) -> Iterator[tuple[tuple[str, str], ..
 
 
 def _plain(texts: Iterable[object]) -> tuple[tuple[str, str], ...]:
-    """Return cells without a mark."""
     return tuple((str(text), "") for text in texts)
 
 

@@ -159,21 +159,19 @@ class Results:
     def _read_or_begin(self, head: Head | None) -> Head:
         """Read the file and return its head; write `head` if the file is empty."""
         file_head = self._scan()
-        if file_head is None and head is not None and self._is_begun(b"\n" + encode(head)):
-            self._file.truncate(0)
-            self._append(encode(head))
-            return head
+        if file_head is None and head is not None:
+            line = b"\n" + encode(head)
+            self._file.seek(0)
+            if line.startswith(self._file.read(len(line)) + self._file.read(1)):  # empty, or the write of a head was interrupted
+                self._file.truncate(0)
+                self._append(encode(head))
+                return head
         if file_head is None or (file_head.format, file_head.version) != (FORMAT, VERSION):
             raise RvadsError(f"{self.path} holds no results of a campaign of version {VERSION}: name such a file, or a new file")
         differs = "" if head is None else file_head.differs(head)
         if differs:
             raise RvadsError(f"{self.path} holds results of another campaign ({differs}): name another file, or remove it")
         return file_head
-
-    def _is_begun(self, line: bytes) -> bool:
-        """Return whether the file holds nothing but a beginning of `line`, as after a write that was interrupted, or nothing."""
-        self._file.seek(0)
-        return line.startswith(self._file.read(len(line)) + self._file.read(1))
 
     def _scan(self) -> Head | None:
         """Index the lines with results, and return the last head; damaged lines, such as a line that was cut off, are ignored."""

@@ -92,7 +92,13 @@ def _town(options: argparse.Namespace) -> int:
         folder = Path(options.output or ("rvads-town/only" if options.only else "rvads-town"))
         _announce(town)
         if not town.runs:
-            return _nothing_planned(town)
+            if town.plan.only:
+                patterns, ids = ", ".join(map(repr, town.plan.only)), [run.name for run in replace(town.plan, only=())]
+                raise ScenarioError(
+                    f"no run has an id like {patterns}, there are {first(ids, 3)}: `rvads town MAP --list` prints them"
+                )
+            warn("rvads: nothing to judge: every junction is refused")
+            return NOTHING_JUDGED
         make_folder("-o", folder)
         with terminable(), opened_executor(options) as executor:
             return _judge_town(town, simulator, options, folder, executor)
@@ -160,10 +166,7 @@ def _subject(text: str) -> int | str | None:
 
 
 def _rerun_command(options: argparse.Namespace) -> str:
-    """Return the beginning of a command that runs cases of this town again, to which ids are appended.
-
-    The command keeps the options of this town but for the options that select some of its junctions and runs.
-    """
+    """Return the beginning of a command that runs cases of this town again, without the options that select some of its runs."""
     words = [*program(options), "town", *options.maps]
     for name in ("autopilot", "sut", "simulator", "cover", "occupancy", "subject", "traffic"):
         value, usual = getattr(options, name), {"cover": "conflicts", "occupancy": "arms", "subject": "all"}.get(name)
@@ -190,21 +193,10 @@ def _announce(town: Town) -> None:
         warn(note)
 
 
-def _nothing_planned(town: Town) -> int:
-    if town.plan.only:
-        patterns, ids = ", ".join(map(repr, town.plan.only)), [planned.name for planned in replace(town.plan, only=())]
-        raise ScenarioError(f"no run has an id like {patterns}, there are {first(ids, 3)}: `rvads town MAP --list` prints them")
-    warn("rvads: nothing to judge: every junction is refused")
-    return NOTHING_JUDGED
-
-
 def _judge_town(
     town: Town, simulator: Simulator, options: argparse.Namespace, folder: Path, executor: Executor | int | None
 ) -> int:
-    """Simulate and judge the runs, write page and reports, and return the exit status.
-
-    If the campaign is interrupted, page and reports show the results so far.
-    """
+    """Simulate and judge the runs, write page and reports, also after an interruption, and return the exit status."""
     from pytest_rvads.satellites.campaigns.campaign import campaign
     from pytest_rvads.satellites.campaigns.resultsfile import Results
     from pytest_rvads.satellites.campaigns.town_output import progressing, written
@@ -242,10 +234,7 @@ def _judge_town(
 
 
 def _results_digest(town: Town, simulator: Simulator, options: argparse.Namespace) -> str:
-    """Return a digest of all that results depend on: maps, driver, simulator, rules, code, and options that choose runs.
-
-    The digest is part of the name of the file of results.
-    """
+    """Return a digest of all that results depend on, for the name of their file: maps, driver, simulator, rules, code."""
     from pytest_rvads.drivers.identity import identity
     from pytest_rvads.support.installed import code
     from pytest_rvads.support.storage import read_file

@@ -178,10 +178,7 @@ def draw_replays(
 
 
 def _examples(tallies: Mapping[str, Tally]) -> Iterator[CauseTally]:
-    """Yield the gravest cause of failures of every junction, then the second gravest of every junction, and so on.
-
-    In this order, every junction gets a replay page if the number of pages is limited. A cause without a run has no replay.
-    """
+    """Yield the gravest cause with a run of every junction, then the second gravest, so that every junction gets a replay."""
     groups = [[c for _, found in tally.grouped() for c in found if c.title != "unsure" and c.hash] for tally in tallies.values()]
     for turn in range(max(map(len, groups), default=0)):
         yield from (group[turn] for group in groups if turn < len(group))

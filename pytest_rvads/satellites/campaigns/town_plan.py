@@ -130,23 +130,19 @@ class Plan:
 
     @cached_property
     def _sampled_cases(self) -> list[Planned]:
-        return draw(_Again(self), self.sample or 0, self.seed, _stratum, _run_name)
+        return draw(_Again(self), self.sample or 0, self.seed, _stratum, lambda planned: planned.name)
 
     def _all_cases(self) -> Iterator[Planned]:
         request = self.request
         traffic = None if request.traffic is None or request.subject is None else request.traffic
         for place in self.places:
             rules = [rule.name for rule in self.rules(place)]
-            for scenario in (
-                fitting_scenario for selection in self.selections(place) for fitting_scenario in selection.fitting(_ignore)
-            ):
-                name = run_id(scenario, None if traffic is None else traffic.name)
-                if not self.only or self._matches_patterns(name, rules):
-                    yield Planned(name, Case(scenario, request.driver, traffic.factory if traffic else None))
-
-    def _matches_patterns(self, name: str, rules: Sequence[str]) -> bool:
-        ids = (name, *(f"{name}-{rule}" for rule in rules))
-        return any(fnmatchcase(id, pattern) for pattern in self.only for id in ids)
+            for selection in self.selections(place):
+                for scenario in selection.fitting(lambda _: None):  # `_count` counts the left-out scenarios
+                    name = run_id(scenario, None if traffic is None else traffic.name)
+                    ids = (name, *(f"{name}-{rule}" for rule in rules)) if self.only else ()
+                    if not self.only or any(fnmatchcase(id, pattern) for pattern in self.only for id in ids):
+                        yield Planned(name, Case(scenario, request.driver, traffic.factory if traffic else None))
 
     def selections(self, place: Junction) -> tuple[Selection, ...]:
         """Return the selected scenarios of a junction, including scenarios in which a vehicle has no room at its start.
@@ -185,14 +181,6 @@ class _Again:
         return self._plan._all_cases()
 
 
-def _ignore(_: ScenarioError) -> None:
-    """Ignore the reason why a scenario is left out, because `Plan._count` counts the left-out scenarios."""
-
-
 def _stratum(planned: Planned) -> tuple[str, ...]:
     scenario = planned.case.scenario
     return scenario.place.name, f"{scenario.number} {scenario.orbit or scenario.label}", scenario.point
-
-
-def _run_name(planned: Planned) -> str:
-    return planned.name

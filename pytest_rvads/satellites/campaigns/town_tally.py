@@ -8,9 +8,8 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from pytest_rvads.logic.outcome import Mark, Outcome, counted
-from pytest_rvads.report.record import Record
 from pytest_rvads.report.run_record import by_rule
-from pytest_rvads.report.triage import Cause, causes, gravity, provoked, unavoidable, unsure
+from pytest_rvads.report.triage import causes, gravity, provoked, unavoidable, unsure
 from pytest_rvads.satellites.campaigns.resultsfile import Judged
 
 TownMark = Mark | Literal["error"]
@@ -73,21 +72,18 @@ class Tally:
             for record in records.values():
                 groups.add(record)
             for cause in groups.causes():
-                self._add_cause(title, cause, judged, records[cause.example])
-
-    def _add_cause(self, title: str, cause: Cause, judged: Judged, example: Record) -> None:
-        """Add a cause of verdicts of a run; the names of vehicles are cut from its text, because the replay page shows them."""
-        roles = next((f" ({verdict.roles})" for verdict in example.verdicts if verdict.roles), "")
-        text = cause.text.removesuffix(roles)
-        tally = self.causes.get((title, text))
-        if tally is None and len(self.causes) >= _MOST:
-            self.unlisted += cause.count
-            return
-        count = cause.count + (tally.count if tally else 0)
-        if tally is None or judged.nodeid < tally.run:
-            tally = CauseTally(title, text, cause.rules, judged.nodeid, example.asks, judged.hash)
-            self.causes[title, text] = tally
-        tally.count = count
+                example = records[cause.example]
+                # The replay page shows the names of the vehicles, so the text of the cause has none.
+                text = cause.text.removesuffix(next((f" ({verdict.roles})" for verdict in example.verdicts if verdict.roles), ""))
+                tally = self.causes.get((title, text))
+                if tally is None and len(self.causes) >= _MOST:
+                    self.unlisted += cause.count
+                    continue
+                count = cause.count + (tally.count if tally else 0)
+                if tally is None or judged.nodeid < tally.run:
+                    tally = CauseTally(title, text, cause.rules, judged.nodeid, example.asks, judged.hash)
+                    self.causes[title, text] = tally
+                tally.count = count
 
     @property
     def outcomes(self) -> Counter[Outcome]:
