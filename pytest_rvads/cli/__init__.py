@@ -9,7 +9,7 @@ import argparse
 import os
 import shutil
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from itertools import pairwise
 from textwrap import wrap
@@ -113,16 +113,12 @@ def _parser() -> argparse.ArgumentParser:
     for name in entries("commands"):
         load("commands", name).declare(commands)
     helps = {action.dest: action.help or "" for action in commands._choices_actions}
-    parser.epilog = "\n".join([*_command_list(helps), f"documentation: {page()}"])
-    return parser
-
-
-def _command_list(helps: Mapping[str, str]) -> Iterator[str]:
-    """Yield lines with the commands of each group and their help, and a line with the names of all other commands."""
-    width = shutil.get_terminal_size().columns - 2
+    width, lines = shutil.get_terminal_size().columns - 2, list[str]()
     for title, names in _GROUPS.items():
-        yield f"{title}:"
+        lines.append(f"{title}:")
         for name in names:
-            yield from wrap(helps[name], width, initial_indent=f"  {name:<10}", subsequent_indent=" " * 12)
+            lines += wrap(helps[name], width, initial_indent=f"  {name:<10}", subsequent_indent=" " * 12)
     others = sorted(helps.keys() - {name for names in _GROUPS.values() for name in names})
-    yield from wrap(f"further commands: {', '.join(others)} ({page('everything-else')})", width, subsequent_indent="  ")
+    lines += wrap(f"further commands: {', '.join(others)} ({page('everything-else')})", width, subsequent_indent="  ")
+    parser.epilog = "\n".join([*lines, f"documentation: {page()}"])
+    return parser

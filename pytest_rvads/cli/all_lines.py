@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from itertools import groupby
 from pathlib import Path
@@ -49,7 +49,6 @@ Labels stand above the strips, and have room for the larger letters of narrow sc
 """
 _CHARACTER = 7.0
 """Width of a character, by which a text fits into its band or is left out [px]."""
-_Scale = Callable[[float], float]
 """Maps seconds to pixels."""
 
 
@@ -187,12 +186,21 @@ def _page(certificates: Sequence[Mapping[str, Any]]) -> str:
 
 def _rows(group: Sequence[Mapping[str, Any]]) -> Iterator[StripRow]:
     """Yield a row of the page per list of `_merged` strips (all starts of two vehicles)."""
+    from pytest_rvads.search.starts import STEP
+
     for strips in _merged(group):
         strip = strips[0]
+        bands = []
+        for pieces in _alike(strip):
+            order, status, rule = pieces[0]["order"], pieces[0]["status"], pieces[0]["rule"]
+            first, last = pieces[0]["from"], pieces[-1]["to"]
+            label = f"{rule} {status}" if rule else order
+            hint = f"{first:+.2f} to {last:+.2f} s: the subject {order}" + (f", {label}" if rule else "")
+            bands.append(Band(first - STEP / 2, last + STEP / 2, Outcome(status).mark, order == "waits", label, hint))
         more = f", {len(strips) - 1} more equal" if len(strips) > 1 else ""
         note = "no room where a vehicle starts" if strip["unfit"] else f"{strip['decided_by']}{more}"
         note = f"ERROR{more}" if strip["error"] else note
-        yield StripRow(strip["title"], note, list(_bands(strip)), strip["simulated"])
+        yield StripRow(strip["title"], note, bands, strip["simulated"])
 
 
 def _merged(group: Sequence[Mapping[str, Any]]) -> Iterator[Sequence[Mapping[str, Any]]]:
@@ -204,18 +212,6 @@ def _merged(group: Sequence[Mapping[str, Any]]) -> Iterator[Sequence[Mapping[str
         ]
         shown.setdefault((*pieces, bool(strip["unfit"]), bool(strip["error"])), []).append(strip)
     yield from shown.values()
-
-
-def _bands(strip: Mapping[str, Any]) -> Iterator[Band]:
-    """Yield a coloured band per range of starts with the same order of the vehicles and the same worst verdict."""
-    from pytest_rvads.search.starts import STEP
-
-    for pieces in _alike(strip):
-        order, status, rule = pieces[0]["order"], pieces[0]["status"], pieces[0]["rule"]
-        first, last = pieces[0]["from"], pieces[-1]["to"]
-        label = f"{rule} {status}" if rule else order
-        hint = f"{first:+.2f} to {last:+.2f} s: the subject {order}" + (f", {label}" if rule else "")
-        yield Band(first - STEP / 2, last + STEP / 2, Outcome(status).mark, order == "waits", label, hint)
 
 
 def _alike(strip: Mapping[str, Any]) -> Iterator[list[Mapping[str, Any]]]:
@@ -284,26 +280,20 @@ def draw_strips(rows: Sequence[StripRow], least: float, greatest: float, axis: s
         body.append(f'<path class="grid" d="M{x(second):.1f} {_TOP - 8:g}V{height:g}"/>')
         body.append(f'<text x="{x(second):.1f}" y="{_TOP - 14:g}" class="middle">{second:+d} s</text>')
     for number, row in enumerate(rows):
-        body += _drawn_row(row, _TOP + _ROW * number, x)
+        top = _TOP + _ROW * number
+        label = f'{markup(row.label)} <tspan class="aside">{markup(row.note)}</tspan>'
+        body.append(f'<text x="{_LEFT:g}" y="{top + _LABEL - 8:g}" class="label">{label}</text>')
+        top += _LABEL
+        for band in row.bands:
+            left, wide = x(band.first), max(x(band.last) - x(band.first), 1.0)
+            faint = " faint" if band.faint else ""
+            body.append(
+                f'<rect class="band {band.mark}{faint}" x="{left:.1f}" y="{top:g}" width="{wide:.1f}" height="{_BAR:g}">'
+                f"<title>{markup(band.hint)}</title></rect>"
+            )
+            if len(band.label) * _CHARACTER < wide:
+                kind = "inside middle faint" if band.faint else "inside middle on"
+                body.append(f'<text x="{left + wide / 2:.1f}" y="{top + 14:g}" class="{kind}">{markup(band.label)}</text>')
+        ticks = "".join(f"M{x(tick):.1f} {top + _BAR + 2:g}v4" for tick in row.ticks)
+        body.append(f'<path class="ticks" d="{ticks}"/>')
     return f'<svg class="strips" viewBox="0 0 {width:g} {height:g}" role="img" aria-label="{markup(axis)}">{"".join(body)}</svg>'
-
-
-def _drawn_row(row: StripRow, top: float, x: _Scale) -> Iterator[str]:
-    label = f'{markup(row.label)} <tspan class="aside">{markup(row.note)}</tspan>'
-    yield f'<text x="{_LEFT:g}" y="{top + _LABEL - 8:g}" class="label">{label}</text>'
-    for band in row.bands:
-        yield from _drawn_band(band, top + _LABEL, x)
-    ticks = "".join(f"M{x(tick):.1f} {top + _LABEL + _BAR + 2:g}v4" for tick in row.ticks)
-    yield f'<path class="ticks" d="{ticks}"/>'
-
-
-def _drawn_band(band: Band, top: float, x: _Scale) -> Iterator[str]:
-    left, wide = x(band.first), max(x(band.last) - x(band.first), 1.0)
-    faint = " faint" if band.faint else ""
-    yield (
-        f'<rect class="band {band.mark}{faint}" x="{left:.1f}" y="{top:g}" width="{wide:.1f}" height="{_BAR:g}">'
-        f"<title>{markup(band.hint)}</title></rect>"
-    )
-    if len(band.label) * _CHARACTER < wide:
-        kind = "inside middle faint" if band.faint else "inside middle on"
-        yield f'<text x="{left + wide / 2:.1f}" y="{top + 14:g}" class="{kind}">{markup(band.label)}</text>'

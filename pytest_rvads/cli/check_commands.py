@@ -29,11 +29,32 @@ def declare(commands: Subparsers) -> None:
     )
     rules.add_argument("--dot", action="store_true", help="print only the monitors of the named rules, for Graphviz")
     rules.set_defaults(command=_print_rules)
-    _declare_check(commands)
+    check = commands.add_parser(
+        "check",
+        help="judge runs that were recorded (.json), kept by --rvads-keep (.npz), or driven elsewhere (.xosc)",
+        description="Exit status: 0 if no rule is violated or open, 1 if a rule is violated or open, 2 if a file or run can't be "
+        "read or judged, 5 if nothing was judged: no rule applies, or every verdict is UNSURE. An UNSURE verdict is counted and "
+        "listed, and neither passes nor fails.",
+    )
+    check.add_argument(
+        "files", nargs="+", metavar="FILE", help="file, folder (searched at any depth) or quoted pattern such as 'drives/*.npz'"
+    )
+    share(check, "rules")
+    form = check.add_mutually_exclusive_group()
+    share(form, "json", help="print one JSON object: run, rule, status and instances; exit 0 whatever the verdicts")
+    form.add_argument("--jsonl", action="store_true", help="as --json, but print a line per run as soon as the run is judged")
+    help = "write a report, in the format of its ending, or into a folder the page and a replay page per failure; repeatable"
+    share(check, "output", action="append", default=[], help=help)
+    share(check, "workers", metavar="N", help="number of processes (default: 1)")
+    check.add_argument(
+        "-v", "--verbose", action="store_true", help="print all verdicts, warnings and key performance indicators of every run"
+    )
+    load("streams", "follow").declare(check)
+    check.set_defaults(command=_check_runs)
 
 
 def _print_rules(options: argparse.Namespace) -> int:
-    from pytest_rvads.logic.ltl.export import to_dot
+    from pytest_rvads.logic.ltl.export import describe, to_dot
     from pytest_rvads.logic.rules.book import get_rule, load_rules
 
     for file in (name for name in options.names if name.endswith(".rules")):
@@ -44,7 +65,14 @@ def _print_rules(options: argparse.Namespace) -> int:
     if options.dot:
         say("".join(to_dot(_automaton(get_rule(name))) for name in names).rstrip())
     elif names:
-        say("\n".join(f"{_rule_entry(rule)}\n{_automaton_entry(rule)}" for rule in map(get_rule, names)))
+        entries = []
+        for rule in map(get_rule, names):
+            try:
+                monitor = describe(_automaton(rule))
+            except FormulaError as error:
+                monitor = f"monitor: none is shown: {error}"
+            entries.append(f"{_rule_entry(rule)}\n{textwrap.indent(monitor, ' ' * 6)}")
+        say("\n".join(entries))
     else:
         say(list_rules())
     return 0
@@ -61,16 +89,6 @@ def _automaton(rule: Rule) -> Machine:
     if any(isinstance(part, f.Forall | f.Exists) for part, _ in f.walk(body)):
         raise FormulaError(f"rule {rule.name!r} has a quantifier inside, so its monitor depends on the vehicles of the run")
     return synthesize(body)
-
-
-def _automaton_entry(rule: Rule) -> str:
-    from pytest_rvads.logic.ltl.export import describe
-
-    try:
-        text = describe(_automaton(rule))
-    except FormulaError as error:
-        text = f"monitor: none is shown: {error}"
-    return textwrap.indent(text, " " * 6)
 
 
 def list_rules() -> str:
@@ -97,31 +115,6 @@ def _rule_entry(rule: Rule) -> str:
         f"requirement: {rule.requirement}" if rule.requirement else "",
     ]
     return "\n".join(filter(None, [*lines, *(f"      {fact}" for fact in facts if fact)]))
-
-
-def _declare_check(commands: Subparsers) -> None:
-    check = commands.add_parser(
-        "check",
-        help="judge runs that were recorded (.json), kept by --rvads-keep (.npz), or driven elsewhere (.xosc)",
-        description="Exit status: 0 if no rule is violated or open, 1 if a rule is violated or open, 2 if a file or run can't be "
-        "read or judged, 5 if nothing was judged: no rule applies, or every verdict is UNSURE. An UNSURE verdict is counted and "
-        "listed, and neither passes nor fails.",
-    )
-    check.add_argument(
-        "files", nargs="+", metavar="FILE", help="file, folder (searched at any depth) or quoted pattern such as 'drives/*.npz'"
-    )
-    share(check, "rules")
-    form = check.add_mutually_exclusive_group()
-    share(form, "json", help="print one JSON object: run, rule, status and instances; exit 0 whatever the verdicts")
-    form.add_argument("--jsonl", action="store_true", help="as --json, but print a line per run as soon as the run is judged")
-    help = "write a report, in the format of its ending, or into a folder the page and a replay page per failure; repeatable"
-    share(check, "output", action="append", default=[], help=help)
-    share(check, "workers", metavar="N", help="number of processes (default: 1)")
-    check.add_argument(
-        "-v", "--verbose", action="store_true", help="print all verdicts, warnings and key performance indicators of every run"
-    )
-    load("streams", "follow").declare(check)
-    check.set_defaults(command=_check_runs)
 
 
 def _check_runs(options: argparse.Namespace) -> int:

@@ -181,13 +181,14 @@ class Totals:
         kinds = [kind.value for kind in rules.kinds if kind]
         table = [("", *kinds), *((row.name, *(str(count or "") for count in row.counts)) for row in rules.rows)]
         name = max((len(row.name) for row in rules.rows), default=0)
-        lines = [f"{cells[0]:{name}}" + "".join(map(_right, cells[1:], kinds)) for cells in table] if rules.rows else []
-        return [*map(str.rstrip, lines), self._extent]
-
-    @property
-    def _extent(self) -> str:
-        text = f"{plural(self.runs, 'run')}, {plural(self.vehicles, 'vehicle')} judged"
-        return f"{text}; {plural(len(self.troubles), 'thing')} could not be read or judged" if self.troubles else text
+        lines = []
+        for first, *counts in table if rules.rows else ():
+            cells = (f"{text:>{max(8, len(kind) + 2)}}" for text, kind in zip(counts, kinds, strict=False))
+            lines.append(f"{first:{name}}{''.join(cells)}".rstrip())
+        extent = f"{plural(self.runs, 'run')}, {plural(self.vehicles, 'vehicle')} judged"
+        if self.troubles:
+            extent += f"; {plural(len(self.troubles), 'thing')} could not be read or judged"
+        return [*lines, extent]
 
     @property
     def status(self) -> int:
@@ -204,10 +205,6 @@ class Totals:
             why = unsure if Status.UNSURE in self._statuses else "no rule applies to any of these runs"
             warn(f"rvads: nothing was judged: {why}")
         return self.status
-
-
-def _right(text: str, kind: str) -> str:
-    return f"{text:>{max(8, len(kind) + 2)}}"
 
 
 class Teller:
@@ -272,7 +269,11 @@ class Teller:
             progress(self._totals.runs, batch.total, "busy periods")
 
     def _run(self, answer: RunAnswer) -> None:
-        label = self._label(answer)
+        label, number = answer.label, 1
+        while label in self._labels:
+            label = f"{answer.file}: {answer.label}" + (f" ({number})" if number > 1 else "")
+            number += 1
+        self._labels.add(label)
         for warning in answer.warnings:
             self._totals.doubt(f"{label}: {warning}", every=self._verbose or (self._alone and not answer.excerpt))
         for error in answer.errors:
@@ -281,12 +282,3 @@ class Teller:
         self._output.run(label, answer)
         for record in answer.records if self._reports else ():
             self._records.add(replace(record, nodeid=f"{label}-{record.rule}", recording=label))
-
-    def _label(self, answer: RunAnswer) -> str:
-        """Return the label of a run; if an earlier run has the same label, the name of the file is put in front."""
-        label, number = answer.label, 1
-        while label in self._labels:
-            label = f"{answer.file}: {answer.label}" + (f" ({number})" if number > 1 else "")
-            number += 1
-        self._labels.add(label)
-        return label

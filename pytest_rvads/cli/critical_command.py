@@ -31,13 +31,9 @@ from pytest_rvads.support.storage import write_file
 from pytest_rvads.support.wording import plural
 
 if TYPE_CHECKING:
-    from concurrent.futures import Executor
-
     from pytest_rvads.geometry.junction import Junction
     from pytest_rvads.search.critical import CriticalStart
-    from pytest_rvads.search.starts import Line
     from pytest_rvads.search.trials import Setting
-    from pytest_rvads.support.executors import Progress
 
 _CRITICAL = """\
 For every two conflicting ways of a junction, find the start at which the vehicle under test changes from waiting to going, and
@@ -68,6 +64,7 @@ def declare(commands: Subparsers) -> None:
 
 
 def _critical(options: argparse.Namespace) -> int:
+    from pytest_rvads.search.critical import critical_starts
     from pytest_rvads.search.starts import lines_at
 
     if options.output and not (options.start or options.all_lines):
@@ -86,7 +83,13 @@ def _critical(options: argparse.Namespace) -> int:
         stopped: BaseException | None = None
         for place in places(options):
             groups = lines_at(place, behaviours=options.pedestrians)
-            sides, stopped = _searched(groups, setting, executor, None if options.json else partial(progress, what="groups"))
+            sides: list[CriticalStart] = []
+            try:
+                sides.extend(
+                    critical_starts(groups, setting, executor, None if options.json else partial(progress, what="groups"))
+                )
+            except (KeyboardInterrupt, RvadsError) as error:
+                stopped = error
             entries += [_entry(side, setting, options) for side in sides]
             if sides and not options.json:
                 for line in _table(place, sides, setting, options):
@@ -101,20 +104,6 @@ def _critical(options: argparse.Namespace) -> int:
     if stopped:
         raise stopped
     return _status(entries)
-
-
-def _searched(
-    groups: Sequence[Sequence[Line]], setting: Setting, executor: Executor | int | None, shown: Progress | None
-) -> tuple[list[CriticalStart], BaseException | None]:
-    """Return both sides of every line of starts that was searched, and the interruption or error that ended the search."""
-    from pytest_rvads.search.critical import critical_starts
-
-    sides: list[CriticalStart] = []
-    try:
-        sides.extend(critical_starts(groups, setting, executor, shown))
-    except (KeyboardInterrupt, RvadsError) as error:
-        return sides, error
-    return sides, None
 
 
 def _status(entries: Sequence[dict[str, Any]]) -> int:
@@ -152,16 +141,13 @@ def _entry(side: CriticalStart, setting: Setting, options: argparse.Namespace) -
 
 
 def _table(place: Junction, sides: Sequence[CriticalStart], setting: Setting, options: argparse.Namespace) -> Iterator[str]:
-    """Yield a table line per way of the subject, way of the other vehicle and order of the two, then lines on each failure.
-
-    Rows that are equal up to a rotation of the junction are one row.
-    """
+    """Yield a table line per way of the subject, way of the other vehicle and order of the two, then lines on each failure."""
     from pytest_rvads.search.starts import STEP
 
     yield f"{place.name}: {plural(len(sides) // 2, 'line')} of starts, {sum(len(side.tried) for side in sides)} runs"
     wide = 9 + 8 * any(side.line.walker is not None for side in sides)
     yield f"{'subject':18}{'other':{wide}}{'decided by':26}{'order':7}{'critical start':>16}  status"
-    rows: dict[tuple[object, ...], list[CriticalStart]] = {}
+    rows: dict[tuple[object, ...], list[CriticalStart]] = {}  # sides that are equal up to a rotation of the junction
     for side in sides:
         line = side.line
         turns = tuple(line.place.every_way[way].turn for way in line.ways)
@@ -204,10 +190,7 @@ def _table(place: Junction, sides: Sequence[CriticalStart], setting: Setting, op
 
 
 def _one_start(options: argparse.Namespace, setting: Setting) -> int:
-    """Simulate the start that an option names, print the verdicts on its run, and write its replay page.
-
-    An error of a rule costs no other rule its verdict. If a fault ended the run, the violations before the fault are printed.
-    """
+    """Simulate the start that an option names, print the verdicts on its run, and write its replay page."""
     from pytest_rvads.geometry.finder import find
     from pytest_rvads.logic.check import verdict_by
     from pytest_rvads.report.draw.replay import replay

@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,7 +23,6 @@ from pytest_rvads.support.storage import write_file
 
 if TYPE_CHECKING:
     from pytest_rvads.drivers.interface import Factory
-    from pytest_rvads.simulators.driver_dynamics import DriverDynamics, Pedal
     from pytest_rvads.simulators.simulator import Simulator
 
 _DESCRIPTION = """\
@@ -131,29 +130,24 @@ def _driving(options: argparse.Namespace) -> int:
 def _measured(
     driver: Factory, simulator: Simulator, bundled: str
 ) -> tuple[list[float], list[list[tuple[float, float]]], dict[str, Any]]:
-    """Return B by speed, AV and AT by speed and distance, and the settings of a driver."""
-    from pytest_rvads.simulators.driver_dynamics import Measured
+    """Return B by speed, AV and AT by speed and distance, and a driver's settings (only just safe starts) as a JSON object."""
+    from pytest_rvads.geometry.segment import SPEED_LIMIT
+    from pytest_rvads.simulators.driver_dynamics import LENGTH, LIMIT, PUBLISHED, Measured, settings
 
     measured = Measured(driver, simulator, bundled)
     braking = [measured.braking(speed) for speed in _SPEEDS]
-    return braking, [[measured.driving(speed, way) for way in _WAYS] for speed in _SPEEDS], _settings(measured)
-
-
-def _finite(value: float) -> float | None:
-    return None if math.isinf(value) else round(value, 3)
-
-
-def _settings(measured: DriverDynamics) -> dict[str, Any]:
-    """Return a JSON object: a driver's settings (only just safe starts) at `SPEED_LIMIT`, and published settings of others."""
-    from pytest_rvads.geometry.segment import SPEED_LIMIT
-    from pytest_rvads.simulators.driver_dynamics import LENGTH, LIMIT, PUBLISHED, settings
-
+    driving = [[measured.driving(speed, way) for way in _WAYS] for speed in _SPEEDS]
     rows = []
     for speed in _SPEEDS:
         for vista, *metres in settings(measured, speed, SPEED_LIMIT, LENGTH):
             numbers = {name: None if m is None else _finite(m) for name, m in zip(("xe", "xf", "xa"), metres, strict=True)}
             rows.append({"speed": speed, "vista": vista, **numbers})
-    return {"limit": SPEED_LIMIT, "length": LENGTH, "rows": rows, "published": {"limit": LIMIT, "xa": PUBLISHED}}
+    published = {"limit": LIMIT, "xa": PUBLISHED}
+    return braking, driving, {"limit": SPEED_LIMIT, "length": LENGTH, "rows": rows, "published": published}
+
+
+def _finite(value: float) -> float | None:
+    return None if math.isinf(value) else round(value, 3)
 
 
 def _table(result: dict[str, Any]) -> Sequence[str]:
@@ -187,32 +181,25 @@ def _pedals(options: argparse.Namespace) -> int:
         measured = apart(partial(calibrated, driver, simulator, options.aggression))
     pedals = dict(zip(("throttle", "brake"), measured, strict=True))
     if options.json:
-        print(json.dumps({"version": 1, "aggression": options.aggression} | {name: _plain(p) for name, p in pedals.items()}))
+        result: dict[str, object] = {"version": 1, "aggression": options.aggression}
+        for name, pedal in pedals.items():
+            result[name] = {
+                "full": None if pedal.full is None else round(pedal.full, 3),
+                "largest": round(pedal.largest, 3),
+                "used": [[round(number, 3) for number in row] for row in pedal.used],
+            }
+        print(json.dumps(result))
     else:
-        for line in _pedal_table(pedals):
-            say(line)
+        say(f"{'pedal':10}{'position':>10}{'acceleration [m/s^2]':>22}{'time [s]':>10}")
+        for name, pedal in pedals.items():
+            for used in pedal.used:
+                say(f"{name:10}{used.position:10.2f}{used.acceleration:22.2f}{used.seconds:10.2f}")
+        for name, pedal in pedals.items():
+            if pedal.full is None:
+                say(f"{name}: never pressed")
+            else:
+                say(f"{name}: {pedal.full:.2f} m/s^2 at full pedal, pressed up to {pedal.largest:.2f}")
     if options.svg:
         points = {name: [(used.position, abs(used.acceleration)) for used in pedal.used] for name, pedal in pedals.items()}
         write_file(Path(options.svg), draw_pedals(points, f"pedals of {options.autopilot or options.sut}").encode())
     return 0
-
-
-def _plain(pedal: Pedal) -> dict[str, object]:
-    full = None if pedal.full is None else round(pedal.full, 3)
-    return {
-        "full": full,
-        "largest": round(pedal.largest, 3),
-        "used": [[round(number, 3) for number in row] for row in pedal.used],
-    }
-
-
-def _pedal_table(pedals: dict[str, Pedal]) -> Iterator[str]:
-    yield f"{'pedal':10}{'position':>10}{'acceleration [m/s^2]':>22}{'time [s]':>10}"
-    for name, pedal in pedals.items():
-        for used in pedal.used:
-            yield f"{name:10}{used.position:10.2f}{used.acceleration:22.2f}{used.seconds:10.2f}"
-    for name, pedal in pedals.items():
-        if pedal.full is None:
-            yield f"{name}: never pressed"
-        else:
-            yield f"{name}: {pedal.full:.2f} m/s^2 at full pedal, pressed up to {pedal.largest:.2f}"

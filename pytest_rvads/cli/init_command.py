@@ -119,22 +119,17 @@ def _next(options: argparse.Namespace) -> list[str]:
         return [*steps, f"more: {page('bring-recorded-runs')}"]
     failures = "The line `look` of a failure names a page that replays the run; the command in the line `rerun` repeats the run."
     if options.sut:
-        return [*_missing_program(options.sut, Path(options.folder)), *steps, failures, f"more: {page('attach-your-stack')}"]
+        folder, program = Path(options.folder), _command_words(options.sut)[0]
+        # A Path would drop the ./ of a program.
+        if not shutil.which(os.path.join(folder, program) if "/" in program else program):
+            where = f"at {folder / program}" if "/" in program else "on the PATH"
+            steps.insert(0, f"There is no program {where} yet: put it there first.")
+        return [*steps, failures, f"more: {page('attach-your-stack')}"]
     replacement = "Then put your controller in place of MyController in conftest.py."
     return [*steps, failures, replacement, f"more: {page('tutorial')}"]
 
 
-def _missing_program(command: str, folder: Path) -> list[str]:
-    """Return a line of advice in a list if the program of a command does not exist yet; an empty list if it exists."""
-    program = _command_words(command)[0]
-    if shutil.which(os.path.join(folder, program) if "/" in program else program):  # a Path would drop the ./ of a program
-        return []
-    where = f"at {folder / program}" if "/" in program else "on the PATH"
-    return [f"There is no program {where} yet: put it there first."]
-
-
 def _command_words(text: str) -> list[str]:
-    """Return the program and the arguments of a command."""
     try:
         words = shlex.split(text)
     except ValueError as error:

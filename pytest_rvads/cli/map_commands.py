@@ -204,7 +204,8 @@ def _details(junction: dict[str, Any]) -> Iterator[str]:
     arms = []
     for arm, own in zip(junction["arms"], lanes, strict=True):
         names = f" ({_named([lane['entrance'] for lane in own], 'entrance')})" if named and own else ""
-        words = f"{plural(len(own), 'lane')} in{names}", f"{arm['exits']} out", *_control(own), *_limits(arm)
+        limits = ["no limit" if limit == NO_LIMIT else f"limit {limit:.1f} m/s" for limit in arm["speed_limits"]]
+        words = f"{plural(len(own), 'lane')} in{names}", f"{arm['exits']} out", *_control(own), *limits
         arms.append(", ".join(words))
     alike = groupby(range(len(arms)), key=arms.__getitem__)
     yield "; ".join(f"{_named([*numbers])}: {arm}" for arm, numbers in alike)
@@ -245,12 +246,6 @@ def _control(lanes: list[dict[str, Any]]) -> Iterator[str]:
         numbers.setdefault(f"{words}, no turn on red" if lane["no_turn_on_red"] else words, []).append(lane["entrance"])
     for words, some in numbers.items():
         yield words if len(numbers) == 1 else f"{words} at {len(some)} of {len(lanes)} ({_named(some, 'entrance')})"
-
-
-def _limits(arm: dict[str, Any]) -> Iterator[str]:
-    """Yield the speed limits of an arm, in words."""
-    for limit in arm["speed_limits"]:
-        yield "no limit" if limit == NO_LIMIT else f"limit {limit:.1f} m/s"
 
 
 def _named(numbers: list[int], noun: str = "arm") -> str:

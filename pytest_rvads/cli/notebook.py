@@ -63,10 +63,7 @@ class Picture:
 
 
 def html(value: object) -> str:
-    """Return a junction, scenario, run, verdict, list of verdicts, `Kpis` or `Report` as HTML.
-
-    If drawing fails, return the text of the error.
-    """
+    """Return a junction, scenario, run, verdict, list of verdicts, `Kpis` or `Report` as HTML, or the text of the error."""
     try:
         match value:
             case Junction():
@@ -168,7 +165,19 @@ def _starts(scenario: Scenario, starts: Sequence[tuple[float, float]], walkers: 
 
 def _run(run: Run) -> str:
     tick, reason = telling(run)
-    summary = [crowd(run.agents), f"{run.duration:.2f} s", *_events(run), *_origin(run)]
+    summary = [crowd(run.agents), f"{run.duration:.2f} s"]
+    summary += [f"{c.agents[0]} and {c.agents[1]} collide at {run.start + c.time:.2f} s" for c in run.collisions or ()]
+    if not run.collisions:
+        summary.append("collisions were not recorded" if run.collisions is None else "no collision")
+    summary += [f"{name} left its route" for name in run.facts.strayed]
+    if run.fault:
+        summary.append(f"ended at {run.start + run.fault.time:.2f} s by a fault: {run.fault.reason}")
+    origin = run.provenance
+    names = {name: one_line(str(origin[name])) for name in ("autopilot", "traffic", "simulator") if origin.get(name)}
+    if "autopilot" in names:
+        summary.append(f"driven by {names['autopilot']}" + (f" among {names['traffic']}" if "traffic" in names else ""))
+    if "simulator" in names:
+        summary.append(f"simulated by {names['simulator']}")
     rows = [(agent.name, _way(run.junction, agent), *_passage(run, column)) for column, agent in enumerate(run.agents)]
     title = f"{run.start + tick * run.dt:.2f} s: {reason}"
     hit = {name for collision in run.collisions or () for name in collision.agents}
@@ -212,25 +221,6 @@ def telling(run: Run) -> tuple[int, str]:
     return (begin + end - 1) // 2, f"{inside.max()} in the junction"
 
 
-def _events(run: Run) -> list[str]:
-    """Return the collisions of a run, the vehicles that left their routes, and the fault, in words."""
-    hits = [f"{c.agents[0]} and {c.agents[1]} collide at {run.start + c.time:.2f} s" for c in run.collisions or ()]
-    texts = hits or ["collisions were not recorded" if run.collisions is None else "no collision"]
-    texts += [f"{name} left its route" for name in run.facts.strayed]
-    if run.fault:
-        texts.append(f"ended at {run.start + run.fault.time:.2f} s by a fault: {run.fault.reason}")
-    return texts
-
-
-def _origin(run: Run) -> list[str]:
-    """Return the drivers and the simulator of a run in words, as far as its provenance names them."""
-    origin = run.provenance
-    names = {name: one_line(str(origin[name])) for name in ("autopilot", "traffic", "simulator") if origin.get(name)}
-    among = f" among {names['traffic']}" if "traffic" in names else ""
-    driven = [f"driven by {names['autopilot']}{among}"] if "autopilot" in names else []
-    return [*driven, f"simulated by {names['simulator']}"] if "simulator" in names else driven
-
-
 def _passage(run: Run, column: int) -> list[str]:
     """Return texts on the times at which an agent enters its zones; ``by`` marks a zone in which the agent's recording begins."""
     times = []
@@ -265,8 +255,6 @@ def _verdict(verdict: Verdict) -> str:
 
 
 def _kpis(kpis: Kpis) -> str:
-    """Return the indicators of a run: a table of its vehicles, and a table of its pairs of vehicles."""
-
     def number(value: float | None, unit: str) -> str:
         return "" if value is None else f"{value:.2f} {unit}"
 
@@ -288,7 +276,6 @@ def _kpis(kpis: Kpis) -> str:
 
 
 def _report(report: Report) -> str:
-    """Return the totals of a report, and a table of its causes."""
     blocks = outline(report)
     lines = [line for block in blocks if isinstance(block, Notes | Head) for line in block.lines]
     groups = [block for block in blocks if isinstance(block, Causes)]

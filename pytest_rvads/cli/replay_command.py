@@ -107,13 +107,23 @@ def _replay(options: argparse.Namespace) -> int:
     if more:
         raise RvadsError(f"a replay is about one rule, --rules names {options.rule!r} and {more[0]!r}: name one of them")
     if Path(what).suffix.lower() in READERS and "::" not in what:
-        return _draw_file(options, Path(what))
+        from pytest_rvads.cli.replayed import run_of_file
+
+        file = Path(what)
+        if options.session or options.all or options.baseline:
+            raise RvadsError(
+                f"{file} is the file of a run, which belongs to no session: leave --session, --all and --baseline out"
+            )
+        page = Path(f"{file.stem}{f'-{options.rule}' if options.rule else ''}.html")
+        _write_replay(run_of_file(file, options.rule), Path(options.output or page))
+        return 0
     session = _session(options.session)
     if not (what or options.all or options.rule or options.output):
         return _print_failures(session)
     if options.baseline:
         session = replace(session, earlier=(Path(options.baseline), load(Path(options.baseline))))
-    chosen = _matching_failures(session, what, options.rule)
+    failed = [r for r in session.failed if options.rule in (None, r.verdicts[-1].rule if r.verdicts else r.rule)]
+    chosen = [r for r in failed if r.nodeid == what] or [r for r in failed if what in r.nodeid]
     if options.all:
         return _draw_all(session, chosen)
     record = _single_failure(chosen, session, what, options.rule)
@@ -122,17 +132,6 @@ def _replay(options: argparse.Namespace) -> int:
     _write_replay(shown, Path(options.output or page))
     if page.exists():
         _link_pages(session)
-    return 0
-
-
-def _draw_file(options: argparse.Namespace, file: Path) -> int:
-    """Draw the replay of a run in a file."""
-    from pytest_rvads.cli.replayed import run_of_file
-
-    if options.session or options.all or options.baseline:
-        raise RvadsError(f"{file} is the file of a run, which belongs to no session: leave --session, --all and --baseline out")
-    page = Path(f"{file.stem}{f'-{options.rule}' if options.rule else ''}.html")
-    _write_replay(run_of_file(file, options.rule), Path(options.output or page))
     return 0
 
 
@@ -153,7 +152,6 @@ def _write_replay(shown: Replayed, path: Path) -> None:
 
 
 def _session(which: str | None) -> _Session:
-    """Return a session by its number or folder, or the latest session."""
     from pytest_rvads.report.files import load
     from pytest_rvads.report.folders import REPORT, ROOT, sessions
 
@@ -178,7 +176,6 @@ def _session(which: str | None) -> _Session:
 
 
 def _print_failures(session: _Session) -> int:
-    """Print the failures of a session, a line each."""
     from pytest_rvads.report.folders import option
 
     failures, report = session.failed, session.report
@@ -203,14 +200,7 @@ def _time_fragment(record: Record) -> str:
     return "" if time is None else f"#t={time:.2f}"
 
 
-def _matching_failures(session: _Session, what: str, rule: str | None) -> list[Record]:
-    """Return the failures whose ids contain the requested text; a failure whose whole id is given is the only match."""
-    failed = [r for r in session.failed if rule in (None, r.verdicts[-1].rule if r.verdicts else r.rule)]
-    return [r for r in failed if r.nodeid == what] or [r for r in failed if what in r.nodeid]
-
-
 def _single_failure(chosen: Sequence[Record], session: _Session, what: str, rule: str | None) -> Record:
-    """Return the only failure whose id matches the requested text."""
     from pytest_rvads.report.folders import option
 
     if len(chosen) == 1:

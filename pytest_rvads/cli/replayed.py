@@ -79,7 +79,9 @@ def failed_run(folder: Path, report: Report, record: Record, page: Path, earlier
     ghost = None
     if earlier and run.excerpt is None:
         ghost = earlier_run(earlier[1], earlier[0].parent, Path(), record.nodeid, run)
-    others = _recorded_verdicts(report, record) or summed(other_verdicts(run, usual_rules(run), verdict.rule))
+    same_run = (r for r in report.records if r.hash == record.hash and r.test == record.test and r.variant == record.variant)
+    recorded = {v.rule: v for r in same_run for v in r.verdicts if v.rule != record.verdicts[-1].rule}
+    others = summed(recorded.values()) or summed(other_verdicts(run, usual_rules(run), verdict.rule))
     back = os.path.relpath(folder / INDEX, page.parent).replace(os.sep, "/") if (folder / INDEX).exists() else ""
     beside = Beside(facts(record, start, again), others, back, ghost, earlier[0].name if earlier and ghost else "")
     return Replayed(run, verdict, rule, notes, beside, doubt)
@@ -128,9 +130,3 @@ def _start_text(run: Run, record: Record) -> str:
         with suppress(RvadsError):  # another version of this package wrote the scenario
             return recalled(scenario, run.junction, "scenario").describe()
     return record.recording if isinstance(record, RecordedItem) else record.run or ""
-
-
-def _recorded_verdicts(report: Report, but: Record) -> tuple[tuple[str, str, str], ...]:
-    """Return rule, status and message of the session's other verdicts on a run, the worst verdict first."""
-    same = (r for r in report.records if r.hash == but.hash and r.test == but.test and r.variant == but.variant)
-    return summed({v.rule: v for r in same for v in r.verdicts if v.rule != but.verdicts[-1].rule}.values())

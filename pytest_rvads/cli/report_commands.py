@@ -146,24 +146,22 @@ def _compare(options: argparse.Namespace) -> int:
 
 
 def _check_reports(options: argparse.Namespace) -> int:
-    statuses = [_print_ending(Path(name)) for name in options.files]
-    return UNFINISHED if UNFINISHED in statuses else next(filter(None, statuses), 0)
-
-
-def _print_ending(file: Path) -> int:
-    """Print whether a report is complete, and return the exit status of its session."""
     from pytest_rvads.report.journal import recovered
 
-    try:
-        report = recovered(file)
-    except RvadsError as error:
-        warn(f"rvads: {error}")
-        return UNFINISHED
-    for note in report.notes:
-        warn(f"rvads: {file}: {one_line(note)}")
-    if report.complete:
-        say(f"{file}: complete, {len(report.records)} items, exit status {report.exitstatus}")
-    return report.ended
+    statuses = []
+    for file in map(Path, options.files):
+        try:
+            report = recovered(file)
+        except RvadsError as error:
+            warn(f"rvads: {error}")
+            statuses.append(UNFINISHED)
+            continue
+        for note in report.notes:
+            warn(f"rvads: {file}: {one_line(note)}")
+        if report.complete:
+            say(f"{file}: complete, {len(report.records)} items, exit status {report.exitstatus}")
+        statuses.append(report.ended)
+    return UNFINISHED if UNFINISHED in statuses else next(filter(None, statuses), 0)
 
 
 def merge(reports: Sequence[tuple[str, Report]]) -> Report:
@@ -187,6 +185,9 @@ def merge(reports: Sequence[tuple[str, Report]]) -> Report:
     if len(clashes) > _SHOWN:
         notes.append(f"... and {len(clashes) - _SHOWN} more contradictions between the merged reports")
     versions, differences = _merged_versions(reports)
+    seconds: Counter[str] = Counter()
+    for _, report in reports:
+        seconds.update(report.seconds)
     planned: dict[Cell, None] = dict.fromkeys(cell for _, report in reports for cell in report.planned)
     merged = in_order(list(steady(record for _, record in records.values())))
     return Report(
@@ -197,7 +198,7 @@ def merge(reports: Sequence[tuple[str, Report]]) -> Report:
         _merged_exitstatus([report for _, report in reports], merged, bool(clashes)),
         tuple(differences + notes),
         {test: count for _, report in reports for test, count in report.left_out.items()},
-        seconds=_summed_seconds([report for _, report in reports]),
+        seconds=dict(seconds),
         unfit={test: count for _, report in reports for test, count in report.unfit.items()},
         extents=_merged_extents([report for _, report in reports]),
         complete=all(report.complete for _, report in reports),
@@ -277,19 +278,8 @@ def _refused_names(reports: Sequence[Report]) -> dict[str, tuple[str, ...]]:
     return {reason: tuple(names) for reason, names in names_by_reason.items()}
 
 
-def _summed_seconds(reports: Sequence[Report]) -> dict[str, float]:
-    """Return the times that the runs took [s]; the times of a run that several sessions simulated are added."""
-    seconds: Counter[str] = Counter()
-    for report in reports:
-        seconds.update(report.seconds)
-    return dict(seconds)
-
-
 def _merged_exitstatus(reports: Sequence[Report], records: Sequence[Record], clashed: bool) -> int:
-    """Return the exit status of the merged report.
-
-    A shard without a judgement (status 5) does no harm if another shard has a judgement.
-    """
+    """Return the exit status of the merged report; a shard that judged nothing (status 5) does no harm if another judged."""
     # A failure that was expected, or that an option lets pass, does not fail the merged session either.
     outcomes = {Outcome.FAIL if r.failed else Outcome.PASS if r.status.judges else Outcome.NA for r in records}
     worst = max((report.ended for report in reports if report.ended != NOTHING_JUDGED), default=0)

@@ -157,7 +157,13 @@ class Judge:
             total = len(runs)
         except Exception as error:
             return Batch(part.file, 0, error=sentence(error))
-        answers = self._answers(part, runs, range(part.begin, min(part.end, total)))
+        answers = []
+        for number in range(part.begin, min(part.end, total)):
+            try:
+                answers.append(self._answer(part.file, number, runs[number]))
+            except Exception as error:
+                errors = (f"can't be judged: {sentence(error)}",)
+                answers.append(RunAnswer(part.file, f"run {number + 1}", 0.0, False, 0, errors=errors))
         return Batch(part.file, total, tuple(answers), last=part.end >= total)
 
     def _runs(self, file: str) -> Sequence[Run]:
@@ -168,13 +174,6 @@ class Judge:
                 return runs
             self._last_read = file, runs
         return self._last_read[1]
-
-    def _answers(self, part: _Part, runs: Sequence[Run], numbers: range) -> Iterator[RunAnswer]:
-        for number in numbers:
-            try:
-                yield self._answer(part.file, number, runs[number])
-            except Exception as error:
-                yield RunAnswer(part.file, f"run {number + 1}", 0.0, False, 0, errors=(f"can't be judged: {sentence(error)}",))
 
     def _answer(self, file: str, number: int, run: Run) -> RunAnswer:
         reasons: dict[str, list[str]] = {}
@@ -197,10 +196,10 @@ class Judge:
             arrivals=arrival_differences(run) if fit else None,
             **of_run(run),
         )
-        records = [
-            self._with_pages(record, self._pages(file, number, run, rule, verdict, verdicts))
-            for record, (rule, verdict) in zip(by_rule(run_record), verdicts, strict=True)
-        ]
+        records = []
+        for record, (rule, verdict) in zip(by_rule(run_record), verdicts, strict=True):
+            pages = self._pages(file, number, run, rule, verdict, verdicts)
+            records.append(replace(record, look=pages[0], looks=pages[1:]) if pages else record)
         judged, ways = None if run.excerpt is None else run.excerpt.judged, undecided(run)
         return RunAnswer(
             file,
@@ -212,9 +211,6 @@ class Judge:
             (*map(str, validate(run)), *([f"verdicts that depend on {ways} are UNSURE"] if ways else [])),
             tuple(_unfit(reason, names, len(verdicts)) for reason, names in reasons.items()),
         )
-
-    def _with_pages(self, record: Record, pages: tuple[str, ...]) -> Record:
-        return replace(record, look=pages[0], looks=pages[1:]) if pages else record
 
     def _pages(
         self, file: str, number: int, run: Run, rule: Rule, verdict: Verdict, verdicts: Sequence[tuple[Rule, Verdict]]
@@ -241,19 +237,17 @@ def run_files(names: Sequence[str], complain: Callable[[str], None]) -> list[str
     """Return the files that some names denote, each file once, in the order of the names; files of a folder are sorted."""
     by_path: dict[str, str] = {}
     for name in names:
-        files = _matching_files(name)
+        is_folder = os.path.isdir(name)
+        if is_folder or not (os.path.lexists(name) or not has_magic(name)):
+            files = list(map(str, files_of(Path(name)) if is_folder else matching(name)))
+        else:
+            files = [name]  # the reader reports a file that can't be read
         if not files:
             kinds = f"expected files of runs ({', '.join(READERS)}) in it"
-            complain(f"{name}: the folder is empty, {kinds}" if os.path.isdir(name) else f"{name}: no file matches this pattern")
+            complain(f"{name}: the folder is empty, {kinds}" if is_folder else f"{name}: no file matches this pattern")
         for file in files:
             by_path.setdefault(os.path.abspath(file), file)
     return list(by_path.values())
-
-
-def _matching_files(name: str) -> list[str]:
-    if not os.path.isdir(name) and (os.path.lexists(name) or not has_magic(name)):
-        return [name]  # the reader reports a file that can't be read
-    return list(map(str, files_of(Path(name)) if os.path.isdir(name) else matching(name)))
 
 
 def _unfit(reason: str, names: Sequence[str], rules: int) -> str:
