@@ -156,21 +156,16 @@ def phases_of_plan(junction: Junction, plan: SignalPlan) -> tuple[Phase, ...]:
 
 
 def _signals_to_write(junction: Junction, lights: NDArray[np.int8]) -> dict[str, int]:
-    """Return the ids of the signals to write, each with the number of an entrance whose light has the colours of the signal.
-
-    A pedestrian light has the number of its crosswalk, as in ``w0``.
-
-    The ids are the ids of signals in the map. If the map has no signal for an entrance, or if its signal also controls entrances
-    with other colours, an id made from the label of the entrance is written.
-    """
+    """Return the ids of the signals to write, each with the number of an entrance whose light has the colours of the signal."""
     ids = signal_ids(junction)
     names: dict[str, int] = {}
     for entrance in np.flatnonzero(lights.any(axis=0)).tolist():
         way = None if entrance < len(junction.entrances) else junction.further[entrance - len(junction.entrances)].way
         if isinstance(way, Crossing):
-            names[f"w{way.crosswalk}"] = entrance
+            names[f"w{way.crosswalk}"] = entrance  # as in w0
             continue
         signals = [id for id, entrances in ids.items() if entrance in entrances and _same_colours(lights, entrances)]
+        # Without a signal in the map of the entrance's colours, the id is made from the label of the entrance.
         label = junction.vehicle_at(entrance).removeprefix("a")
         names |= dict.fromkeys(signals or [f"{ENTRANCE}{label}"], entrance)
     return names

@@ -36,6 +36,8 @@ def declare(commands: Subparsers) -> None:
 
 def _export(options: argparse.Namespace) -> int:
     from pytest_rvads.runs.readers import READERS
+    from pytest_rvads.satellites.openscenario.scenario_xosc import save_scenario
+    from pytest_rvads.scenarios.ids import from_id
 
     source, output = Path(options.source), Path(options.output)
     is_file = source.exists() or source.suffix.lower() in READERS
@@ -43,16 +45,11 @@ def _export(options: argparse.Namespace) -> int:
         raise ScenarioError(
             "--rules judges a run, and a scenario has no run: leave --rules out, or export a file of a run without --scenario"
         )
-    return _export_run(options, source, output) if is_file else _export_scenario(options, output)
-
-
-def _export_scenario(options: argparse.Namespace, out: Path) -> int:
-    from pytest_rvads.satellites.openscenario.scenario_xosc import save_scenario
-    from pytest_rvads.scenarios.ids import from_id
-
+    if is_file:
+        return _export_run(options, source, output)
     scenario = from_id(options.source, options.map)
-    save_scenario(scenario, out, map=options.map)
-    say(f"{out}: {scenario.describe()}")
+    save_scenario(scenario, output, map=options.map)
+    say(f"{output}: {scenario.describe()}")
     return 0
 
 

@@ -121,7 +121,6 @@ def _intention(entity: Entity, private: Node, where: str) -> Intention:
 
 
 def _world_position(node: Node) -> Node:
-    """Return the ``<WorldPosition>`` inside of an element."""
     position = node.first("Position")
     place = position.children[0] if position is not None and position.children else None
     if place is None or place.tag != "WorldPosition":

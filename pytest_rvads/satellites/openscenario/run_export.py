@@ -16,7 +16,7 @@ import numpy as np
 from pytest_rvads.geometry.segment import Pose
 from pytest_rvads.logic.judging.verdicts import Verdict
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import Agent, Vehicle, Zone
+from pytest_rvads.runs.states import Vehicle, Zone
 from pytest_rvads.satellites.openscenario.document import (
     Actor,
     Body,
@@ -117,16 +117,15 @@ def recorded_map(provenance: Mapping[str, Any]) -> str | None:
 
 def vehicles(run: Run) -> dict[str, Vehicle | None]:
     """Return the vehicle parameters of each agent; None for an agent without parameters in the provenance of the run."""
-    return {agent.name: _vehicle(run.provenance, agent) for agent in run.agents}
-
-
-def _vehicle(provenance: Mapping[str, Any], agent: Agent) -> Vehicle | None:
-    others = provenance.get("others")
-    record = (others.get(agent.name) if isinstance(others, Mapping) else None) or provenance.get("vehicle")
-    try:
-        return msgspec.convert(record, Vehicle)
-    except (msgspec.ValidationError, RvadsError):
-        return None
+    by_agent: dict[str, Vehicle | None] = {}
+    others = run.provenance.get("others")
+    for agent in run.agents:
+        record = (others.get(agent.name) if isinstance(others, Mapping) else None) or run.provenance.get("vehicle")
+        try:
+            by_agent[agent.name] = msgspec.convert(record, Vehicle)
+        except (msgspec.ValidationError, RvadsError):
+            by_agent[agent.name] = None
+    return by_agent
 
 
 def _actor(run: Run, column: int, body: Body) -> Actor | None:

@@ -23,7 +23,6 @@ from pytest_rvads.geometry.finder import find, load, names
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.segment import Pose
 from pytest_rvads.runs.archive import Name
-from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.states import Colour, Vehicle
 from pytest_rvads.satellites.openscenario.document import Actor, Document, body_of, mapped, moved_back, phases_of_plan, put_map
 from pytest_rvads.satellites.openscenario.intentions import Drive, Intention, intentions, matched
@@ -101,7 +100,9 @@ def save_scenario(
     for agent, way, (distance, speed) in sorted(rows, key=lambda row: created(row[0].entrance)):
         vehicle = bodies.of(agent.name)
         body = body_of(replace(agent, kind=vehicle.kind), vehicle)
-        start = moved_back(_front_pose(way, way.start(distance), body.back), body.back)
+        station = way.start(distance)
+        front, axle = way.pose(station), way.pose(station - body.back)  # both lie on the centre line, as at a start
+        start = moved_back(Pose(front.x, front.y, math.atan2(front.y - axle.y, front.x - axle.x)), body.back)
         ahead = [way.pose(station) for station in (0.0, way.length / 2, way.length, way.leave)]
         actors.append(Actor(agent.name, body, start, speed, route=(start, *ahead)))
     site = _Site(scenario.place.name, scenario.place.id, scenario.place.digest)
@@ -115,12 +116,6 @@ def save_scenario(
         scenario.duration,
     )
     write(path, document)
-
-
-def _front_pose(way: Itinerary, station: float, back: float) -> Pose:
-    """Return the pose of a vehicle's front, given its station; front and rear axle lie on the centre line, as at a start."""
-    front, axle = way.pose(station), way.pose(station - back)
-    return Pose(front.x, front.y, math.atan2(front.y - axle.y, front.x - axle.x))
 
 
 _TOLERANCE = 1e-3
@@ -150,28 +145,28 @@ def load_scenario(path: str | Path, *, junction: str | None = None, map: str | o
         root = read_tree(path)
         note, map_beside = note_of(root, "scenario"), map_of(root, path)
         by_name = intentions(root, path.name)
-        has_note = note is not None and junction is None
-        if has_note:
-            content = decode(str(note).encode(), ScenarioNote, f"{path.name}: the property rvads.scenario", RunError)
+        map_file = map_beside if map is None else Path(map)
+        if note is not None and junction is None:
+            content = decode(note.encode(), ScenarioNote, f"{path.name}: the property rvads.scenario", RunError)
             if content.version != VERSION:
                 raise ScenarioError(f"{path.name}: the property rvads.scenario has version {content.version}, expected {VERSION}")
-            place = _site_of(content.site, map_beside if map is None else Path(map), path.name)
+            place = _site_of(content.site, map_file, path.name)
             scenario = recalled(content.scenario, place, f"{path.name}: the property rvads.scenario")
             _check_note(scenario, by_name, root, path.name)
             return scenario
-        return _foreign_scenario(
-            by_name, root, _candidate_junctions(junction, map_beside if map is None else Path(map), path.name), path.name
-        )
+        if junction is not None:
+            places = [find(junction, None if junction in names() else map_file)]
+        elif map_file is None:
+            raise ScenarioError(f"{path.name}: <LogicFile> names no map: give a map (map=), or a built-in junction (junction=)")
+        else:
+            places = [find(report.id, map_file) for report in load(map_file).junctions if report.usable]
+        return _foreign_scenario(by_name, root, places, path.name)
     except RunError as error:
         raise ScenarioError(str(error)) from error
 
 
 def _site_of(site: _Site, map: Path | None, where: str) -> Junction:
-    """Return the junction of an exported scenario, from the built-in maps or from the map of the file.
-
-    Args:
-        map: path of the map that the file names; None if the file names no map.
-    """
+    """Return the junction of an exported scenario, from the built-in maps or from the map file that the scenario names."""
     if site.name in NAMES and (builtin := _as_exported(find(site.name), site.digest)).digest == site.digest:
         return builtin
     if map is None:
@@ -227,14 +222,6 @@ def _vehicle_of_length(length: float | None) -> Vehicle:
     usual = Vehicle()
     vehicle_length = usual.length if length is None else length
     return Vehicle(length=vehicle_length, front_axle=vehicle_length / 4, rear_axle=vehicle_length / 4)
-
-
-def _candidate_junctions(junction: str | None, map: Path | None, where: str) -> list[Junction]:
-    if junction is not None:
-        return [find(junction, None if junction in names() else map)]
-    if map is None:
-        raise ScenarioError(f"{where}: <LogicFile> names no map: give a map (map=), or a built-in junction (junction=)")
-    return [find(report.id, map) for report in load(map).junctions if report.usable]
 
 
 def _foreign_scenario(by_name: Mapping[str, Intention], root: Node, places: list[Junction], where: str) -> Scenario:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from contextlib import contextmanager
 from datetime import datetime
 from importlib import import_module
 from typing import Any
@@ -55,23 +54,15 @@ def written(document: Document) -> bytes:
         if match := _NOT_IN_XML.search(text):
             raise RvadsError(f"{text!a:.60} can't stand in XML, which has no character {match[0]!a}: rename it")
     xosc = library()
-    with _with_version(xosc):
+    version_before = xosc.VersionBase.version_minor
+    xosc.VersionBase.version_minor = _MINOR
+    try:
         root = _Writer(xosc).scenario(document).get_element()
+    finally:
+        xosc.VersionBase.version_minor = version_before
     ElementTree.indent(root)
     content: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
     return content + b"\n"
-
-
-@contextmanager
-def _with_version(xosc: Any) -> Iterator[None]:
-    """Set the version of OpenSCENARIO that the library writes, and restore the previous version at the end of the context."""
-    base = xosc.VersionBase
-    before = base.version_minor
-    base.version_minor = _MINOR
-    try:
-        yield
-    finally:
-        base.version_minor = before
 
 
 class _Writer:

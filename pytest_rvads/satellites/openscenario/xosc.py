@@ -101,7 +101,9 @@ def log_of(file: TrajectoryFile, *, strict: bool = False) -> Log:
 def read_trajectories(path: Path, watch: Watch | None = None) -> TrajectoryFile:
     """Return the vehicles, trajectories, lights and map of a file."""
     root = read_tree(path, watch)
-    unsized = _vehicles_without_size(root, path.name)
+    note = note_of(root, "run")  # of an exported run; it lists the vehicles of unknown size
+    place = f"{path.name}: the property rvads.run"
+    unsized = [] if note is None else decode(note.encode(), _Note, place, RunError).unsized
     entities = [replace(entity, size=None) if entity.name in unsized else entity for entity in entities_of(root)]
     ways: dict[str, list[NDArray[np.float64]]] = {entity.name: [] for entity in entities}
     reasons: dict[str, str] = {}
@@ -130,12 +132,6 @@ def read_trajectories(path: Path, watch: Watch | None = None) -> TrajectoryFile:
 
 class _Note(msgspec.Struct):
     unsized: list[str] = []
-
-
-def _vehicles_without_size(root: Node, where: str) -> list[str]:
-    """Return the names of the vehicles of unknown size, which the note of an exported run lists."""
-    note = note_of(root, "run")
-    return [] if note is None else decode(note.encode(), _Note, f"{where}: the property rvads.run", RunError).unsized
 
 
 def note_of(root: Node, subject: str) -> str | None:
@@ -169,10 +165,7 @@ def entities_of(root: Node) -> list[Entity]:
 
 
 def _trajectory_actions(root: Node) -> Iterator[tuple[str, Node, Node | None]]:
-    """Yield, for each trajectory, the name of its entity, its action, and the trigger of its event.
-
-    The trigger is None for an initial action, which no event triggers.
-    """
+    """Yield the entity, the action, and the trigger of the event of each trajectory; None as the trigger of an initial action."""
     for private in root.walk("Private"):
         for action in private.walk("FollowTrajectoryAction"):
             yield private.text("entityRef"), action, None
