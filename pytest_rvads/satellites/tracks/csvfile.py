@@ -60,10 +60,7 @@ def read_fcd_table(path: Path, columns: Mapping[str, str] | None, *, strict: boo
 
 
 def _of_fcd(rows: Iterator[tuple[int, list[str]]], names: Sequence[str]) -> Iterator[tuple[int, list[str]]]:
-    """Yield the rows of vehicles, and the rows of persons as rows of vehicles; a step without vehicles has neither.
-
-    A person can have the id of a vehicle, so the name of a person is its id after the word ``person``.
-    """
+    """Yield the rows, those of persons as rows of vehicles; a person can have a vehicle's id, so ``person`` precedes it."""
     for line, cells in rows:
         row = dict(zip(names, cells, strict=False))
         if row.get("person_id"):

@@ -19,7 +19,6 @@ from pytest_rvads.satellites.tracks.import_command import INTAKE, add_intake, in
 from pytest_rvads.support.errors import RunError
 
 if TYPE_CHECKING:
-    from pytest_rvads.logic.judging.verdicts import Verdict
     from pytest_rvads.logic.rules.rule import Rule
     from pytest_rvads.runs.run import Run
 
@@ -43,10 +42,7 @@ def declare(check: argparse.ArgumentParser) -> None:
 
 
 def refuse_without(options: argparse.Namespace) -> None:
-    """Check that no option of ``--follow`` is given without ``--follow``.
-
-    Without ``--follow``, ``rvads check`` reads files of runs, which hold the junction and the accuracy themselves.
-    """
+    """Check that no option of ``--follow`` is given for files of runs, which hold the junction and the accuracy themselves."""
     names = ("map", "junction", "strict", *INTAKE)
     given_options = [f"--{name.replace('_', '-')}" for name in names if getattr(options, name) not in (None, False)]
     if given_options:
@@ -133,30 +129,31 @@ class _Judge:
 
     def __init__(self, rules: Sequence[Rule], *, as_json: bool) -> None:
         self._rules = rules
-        self._print: Callable[[dict[str, Any]], None] = _print_json if as_json else _print_text
+        self._as_json = as_json
         self.counts: Counter[str] = Counter()
         """Number of printed instances by status, and of runs without a verdict as ``ERROR``."""
 
     def judge(self, runs: Iterator[Run]) -> None:
         """Judge runs as they arrive: the verdicts on a run are printed before the iterator is asked for another run."""
+        from pytest_rvads.cli.check_output import measured
         from pytest_rvads.logic.check import check
 
         for run in runs:
             for rule in self._rules:
-                self._print_verdict(check(run, rule), run)
-
-    def _print_verdict(self, verdict: Verdict, run: Run) -> None:
-        if verdict.status == "ERROR":
-            warn(f"warning: {run.label} can't be judged by {verdict.rule}: {verdict.reason}")
-            self.counts["ERROR"] += 1
-        from pytest_rvads.cli.check_output import measured
-
-        for instance in verdict.instances:
-            if instance.status == "NA":
-                continue
-            self.counts[instance.status.value] += 1
-            instance_facts = {"rule": verdict.rule, "status": instance.status.value, "binding": dict(instance.binding)}
-            self._print(instance_facts | measured(verdict, instance))
+                verdict = check(run, rule)
+                if verdict.status == "ERROR":
+                    warn(f"warning: {run.label} can't be judged by {verdict.rule}: {verdict.reason}")
+                    self.counts["ERROR"] += 1
+                for instance in verdict.instances:
+                    if instance.status == "NA":
+                        continue
+                    self.counts[instance.status.value] += 1
+                    facts = {"rule": verdict.rule, "status": instance.status.value, "binding": dict(instance.binding)}
+                    facts |= measured(verdict, instance)
+                    if self._as_json:
+                        print(json.dumps(facts), flush=True)
+                    else:
+                        _print_text(facts)
 
     def status(self) -> int:
         """Return the exit status of ``rvads check`` for the counted verdicts."""
@@ -167,10 +164,6 @@ class _Judge:
             warn(f"rvads: nothing was judged: {why}")
             return 5
         return 1 if self.counts["FAIL"] or self.counts["OPEN"] else 0
-
-
-def _print_json(answer: dict[str, Any]) -> None:
-    print(json.dumps(answer), flush=True)
 
 
 def _print_text(answer: dict[str, Any]) -> None:

@@ -198,7 +198,6 @@ def _watch() -> Any:
 
 
 def _recording_summary(path: Path, recording: Recording, *, stated: bool) -> dict[str, Any]:
-    """Return the summary of an imported recording as a JSON object."""
     from pytest_rvads.geometry.crosswalks import Crossing
     from pytest_rvads.satellites.tracks.importing import unknown_lights
 
@@ -248,7 +247,6 @@ def _way(junction: Junction, agent: Agent) -> str:
 
 
 def _summary_lines(summary: dict[str, Any]) -> list[str]:
-    """Return the summary of an imported recording as lines of text."""
     offset, accuracy, clock, left_out = summary["offset"], summary["accuracy"], summary["clock"], summary["left_out"]
     origin = "stated" if accuracy["stated"] else "estimated"
     exact = "positions are exact (stated)" if accuracy["stated"] else "positions are taken as exact, because no noise was found"
@@ -297,22 +295,15 @@ def intake_of(options: argparse.Namespace, usual: Point) -> Intake:
     """Return the settings of an import from the options; `usual` is the recorded point of vehicles without ``--point``."""
     from pytest_rvads.satellites.tracks.importing import Intake
 
-    return Intake(
-        options.point or usual,
-        _numbers(options.size, "--size L,W"),
-        _numbers(options.offset, "--offset=X,Y") or (0.0, 0.0),
-        *_accuracy(options.accuracy),
-        options.speed_limit,
-    )
-
-
-def _accuracy(text: str | None) -> tuple[float | None, float | None]:
-    """Return the standard deviations of a coordinate [m] and of a speed [m/s]; None for one that is to be estimated."""
-    position, _, speed = (text or "").partition(",")
+    size, offset = _numbers(options.size, "--size L,W"), _numbers(options.offset, "--offset=X,Y") or (0.0, 0.0)
+    position, _, speed = (options.accuracy or "").partition(",")
     try:
-        return float(position) if position else None, float(speed) if speed else None
+        accuracy = float(position) if position else None, float(speed) if speed else None
     except ValueError:
-        raise RunError(f"--accuracy takes a number of metres, or such a number and a speed [m/s], got {text!r:.60}") from None
+        raise RunError(
+            f"--accuracy takes a number of metres, or such a number and a speed [m/s], got {options.accuracy!r:.60}"
+        ) from None
+    return Intake(options.point or usual, size, offset, *accuracy, options.speed_limit)
 
 
 def _numbers(text: str | None, option: str) -> tuple[float, float] | None:

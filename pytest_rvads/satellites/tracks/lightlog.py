@@ -84,11 +84,7 @@ def signal_ids(junction: Junction) -> dict[str, tuple[int, ...]]:
 
 
 def lights_at(junction: Junction, recorded_lights: Mapping[str, Changes]) -> dict[int, Changes]:
-    """Return the changes of colour at each entrance of a junction, and at each crossing if somebody walks.
-
-    Signals of other junctions are ignored.
-    If an entrance has several signals, such as a signal per arrow, its colour is `Colour.NONE` while the signals differ.
-    """
+    """Return the changes of colour at each entrance of a junction and each walked crossing; NONE while its signals differ."""
     signals = signals_at(junction)
     by_entrance: dict[int, list[Changes]] = {}
     for name, changes in recorded_lights.items():
@@ -146,7 +142,6 @@ def _read_csv_lights(path: Path) -> dict[str, Changes]:
 
 
 def _add_colour(colours_by_signal: dict[str, list[tuple[float, Colour]]], time: str, name: str, colour: str, where: str) -> None:
-    """Add the colour that a signal shows from a time on."""
     try:
         seconds = float(time)
     except ValueError:

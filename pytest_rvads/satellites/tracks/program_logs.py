@@ -145,20 +145,17 @@ class _CarlaReader:
         where = f"{self.gather.where}: row {row}"
         kind = record.get("type")
         if kind == "actor":
-            self._actor(record, where)
+            number = typed(record.get("id"), int, f"{where}, column id", RunError)
+            half = typed(record.get("extent"), list[float], f"{where}, column extent", RunError)
+            centre = typed(record.get("center"), list[float], f"{where}, column center", RunError)
+            if len(half) != 3 or len(centre) != 3:
+                raise RunError(f"{where}: extent and center must have three numbers each, got {half!r:.60} and {centre!r:.60}")
+            blueprint = typed(record.get("type_id"), str, f"{where}, column type_id", RunError)
+            self._actors[number] = (2 * half[0], 2 * half[1]), kind_of(blueprint), centre[0] + half[0]
         elif kind == "traffic_light":
             self._ids[str(record.get("id"))] = typed(record.get("opendrive_id"), str, f"{where}, column opendrive_id", RunError)
         elif kind == "tick":
             self._tick(row, record, where)
-
-    def _actor(self, record: dict[str, Any], where: str) -> None:
-        number = typed(record.get("id"), int, f"{where}, column id", RunError)
-        half = typed(record.get("extent"), list[float], f"{where}, column extent", RunError)
-        centre = typed(record.get("center"), list[float], f"{where}, column center", RunError)
-        if len(half) != 3 or len(centre) != 3:
-            raise RunError(f"{where}: extent and center must have three numbers each, got {half!r:.60} and {centre!r:.60}")
-        blueprint = typed(record.get("type_id"), str, f"{where}, column type_id", RunError)
-        self._actors[number] = (2 * half[0], 2 * half[1]), kind_of(blueprint), centre[0] + half[0]
 
     def _tick(self, row: int, record: dict[str, Any], where: str) -> None:
         time = typed(record.get("t"), float, f"{where}, column t", RunError)
@@ -190,10 +187,7 @@ _OSI_BICYCLE = 10
 
 
 def read_osi(path: Path, columns: Mapping[str, str] | None, *, strict: bool, watch: Watch | None) -> Log:  # noqa: ARG001 - the library tells no progress
-    """Return the moving objects in the messages ``GroundTruth`` of OSI, including messages inside of ``SensorView``.
-
-    Animals are left out.
-    """
+    """Return the moving objects except animals in the messages ``GroundTruth`` of OSI, also inside of ``SensorView``."""
     if columns:
         raise RunError(f"{path.name}: OSI has fixed fields, leave --columns out")
     gather = Gather(path.name, _OSI_COLUMNS, strict=strict)
@@ -242,15 +236,11 @@ def _add_osi_object(gather: Gather, row: int, time: float, item: Any) -> None:
     if gather.add(name, row, (time, base.position.x, base.position.y, heading, speed)):
         size = base.dimension
         has = size is not None and size.length > 0.0 and size.width > 0.0
-        gather.describe(name, (size.length, size.width) if has else None, _osi_kind(item))
-
-
-def _osi_kind(item: Any) -> Kind:
-    if int(item.type) == _OSI_PEDESTRIAN:
-        return Kind.PEDESTRIAN
-    classification = item.vehicle_classification
-    number = -1 if classification is None else int(classification.type)
-    return Kind.CYCLIST if number == _OSI_BICYCLE else Kind.TRUCK if number in _OSI_TRUCKS else Kind.CAR
+        kind = Kind.PEDESTRIAN
+        if int(item.type) != _OSI_PEDESTRIAN:
+            number = -1 if item.vehicle_classification is None else int(item.vehicle_classification.type)
+            kind = Kind.CYCLIST if number == _OSI_BICYCLE else Kind.TRUCK if number in _OSI_TRUCKS else Kind.CAR
+        gather.describe(name, (size.length, size.width) if has else None, kind)
 
 
 _ROS_COLUMNS = {"x": "pose", "y": "pose", "heading": "pose", "speed": "twist", "time": "header.stamp"}
@@ -283,7 +273,9 @@ def read_rosbag(path: Path, columns: Mapping[str, str] | None, *, strict: bool, 
             for row, (connection, _, raw) in enumerate(reader.messages(connections=connections), start=1):
                 message = reader.deserialize(raw, connection.msgtype)
                 if connection.msgtype in _ODOMETRY:
-                    _add_odometry(gather, row, connection.topic, message)
+                    name = connection.topic.strip("/") or "odometry"
+                    speed = float(message.twist.twist.linear.x)
+                    gather.add(name, row, (_ros_time(message), *_ros_pose(message.pose.pose), speed))
                 else:
                     _add_ros_objects(gather, row, message)
                 if watch is not None and row % 1000 == 0:
@@ -293,12 +285,6 @@ def read_rosbag(path: Path, columns: Mapping[str, str] | None, *, strict: bool, 
     except Exception as error:  # an unknown library may raise any error
         raise RunError(f"{path}: row {row + 1} can't be read as a bag: {one_line(str(error) or type(error).__name__)}") from error
     return gather.log()
-
-
-def _add_odometry(gather: Gather, row: int, topic: str, message: Any) -> None:
-    """Add a message of odometry to the vehicles; the topic of the message names the vehicle."""
-    name = topic.strip("/") or "odometry"
-    gather.add(name, row, (_ros_time(message), *_ros_pose(message.pose.pose), float(message.twist.twist.linear.x)))
 
 
 def _add_ros_objects(gather: Gather, row: int, message: Any) -> None:

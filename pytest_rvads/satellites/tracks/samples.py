@@ -341,10 +341,7 @@ def _jump_in_words(numbers: _Values, at: int) -> str:
 
 
 def _split_by_vehicle(numbers: _Values, bodies: Sequence[_Body]) -> Iterator[tuple[int, int, _Body, str]]:
-    """Yield, for each vehicle that used an id, the range of its samples (begin and end), its body, and a reason.
-
-    The reason says why the samples belong to another vehicle than the samples before; it is empty for the first vehicle.
-    """
+    """Yield, per vehicle that used an id, its first sample, the end of its samples, its body, and why it is another."""
     why = {
         int(at) + 1: _jump_in_words(numbers, int(at) + 1)
         for at in np.flatnonzero(_impossible_steps(np.diff(numbers[:3].T, axis=0)))

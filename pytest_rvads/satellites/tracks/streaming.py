@@ -123,7 +123,15 @@ class Stream:
         names = [vehicle.id for vehicle in state.vehicles]
         if len(set(names)) < len(names):
             raise RunError(f"{where}: two vehicles have the same id: give each vehicle its own id")
-        colours = [(self._signal(key, where), _colour_named(name, where)) for key, name in state.lights.items()]
+        colours = []
+        for key, name in state.lights.items():
+            if key not in self._signals:
+                signals = one_line(", ".join(self._signals), 200)
+                raise RunError(f"{where}: the name of a light must be of {signals}, got {key!r:.40}")
+            if name.upper() not in Colour.__members__:
+                names_of_colours = " or ".join(colour.name.lower() for colour in Colour)
+                raise RunError(f"{where}: the colour of a light must be {names_of_colours}, got {name!r:.40}")
+            colours.append((key, Colour[name.upper()]))
         self._now = state.t
         for signal, colour in colours:
             self._lights.setdefault(signal, []).append((state.t, colour))
@@ -146,13 +154,8 @@ class Stream:
         self._present.clear()
         return self._ready(np.inf)
 
-    def _signal(self, key: str, where: str) -> str:
-        if key not in self._signals:
-            raise RunError(f"{where}: the name of a light must be of {one_line(', '.join(self._signals), 200)}, got {key!r:.40}")
-        return key
-
     def _ready(self, now: float) -> Iterator[Run]:
-        """Yield runs of the vehicles that left before every present vehicle came, and drop vehicles that no later run needs."""
+        """Yield runs of the vehicles that left before every present vehicle came, and drop what no later run needs."""
         present_since = [seen.span[0] for seen in self._present.values() if seen.span[0] > now - LONGEST]
         first_present = min(present_since, default=np.inf)
         ready = [seen for seen in self._departed if not seen.judged and seen.span[1] < first_present]
@@ -164,14 +167,10 @@ class Stream:
         needed_since = min((s.span[0] for s in (*self._departed, *self._present.values()) if not s.judged), default=now)
         needed_since = max(needed_since, now - LONGEST)
         self._departed = [seen for seen in self._departed if not seen.judged or seen.span[1] >= needed_since]
-        self._forget(needed_since)
-
-    def _forget(self, needed_since: float) -> None:
-        """Drop samples and colours that no later run needs, given the time from which runs still need them [s]."""
-        for seen in self._present.values():
-            count = int(np.searchsorted(seen.times, needed_since - LONGEST))
+        for vehicle in self._present.values():
+            count = int(np.searchsorted(vehicle.times, needed_since - LONGEST))
             if count:
-                del seen.times[:count], seen.rows[:count]
+                del vehicle.times[:count], vehicle.rows[:count]
         for signal, changes in self._lights.items():
             last = max((k for k, (time, _) in enumerate(changes) if time <= needed_since), default=0)
             self._lights[signal] = changes[last:]
@@ -193,11 +192,3 @@ class Stream:
             judged = tuple(name for name in run.excerpt.judged if name.partition("#")[0] in names or name in names)
             if judged:
                 yield replace(run, excerpt=replace(run.excerpt, judged=judged))
-
-
-def _colour_named(name: str, where: str) -> Colour:
-    try:
-        return Colour[name.upper()]
-    except KeyError:
-        colours = " or ".join(colour.name.lower() for colour in Colour)
-        raise RunError(f"{where}: the colour of a light must be {colours}, got {name!r:.40}") from None

@@ -238,16 +238,13 @@ def _with_angle(rows: Rows, columns: Mapping[str, Column], angle: str) -> tuple[
 
 
 def _body_angle(rows: Rows, columns: Mapping[str, Column], angles: Iterable[str], where: str) -> str:
-    """Return the field with the angle of the bodies of vehicles, among several angles, by the first batch of rows.
-
-    An angle that differs from the direction of motion is no heading. An angle that is noise while vehicles stand is the direction
-    of motion. Among the others, the first counts.
-    """
+    """Return the field with the angle of the bodies of vehicles, among several angles, by the first batch of rows."""
     fits = {}
     for angle in angles:
         gather = Gather(where, {})
         _add_rows(gather, *_with_angle(rows, columns, angle), {}, {})
         fits[angle] = agreement(gather.log())
+    # An angle that differs from the direction of motion is no heading, and an angle that is noise at rest is that direction.
     standing = {angle: at_rest for angle, (moving, at_rest) in fits.items() if moving >= LEAST_AGREEMENT}
     best = max(standing.values(), default=0.0)
     return next((angle for angle, at_rest in standing.items() if at_rest >= best - _CLEARLY), "heading")
@@ -256,7 +253,6 @@ def _body_angle(rows: Rows, columns: Mapping[str, Column], angles: Iterable[str]
 def _add_rows(
     gather: Gather, rows: Rows, columns: Mapping[str, Column], cases: dict[str, int], classes: Mapping[str, str]
 ) -> None:
-    """Add a batch of rows to the vehicles."""
     nothing = np.full(len(rows.numbers["x"]), np.nan)
     times = rows.numbers["time"] * columns["time"].factor
     names = rows.texts["id"]
@@ -298,10 +294,7 @@ def _add_rows(
 
 
 def numbers_of(values: Any) -> tuple[NDArray[np.float64], list[int]]:
-    """Return values as numbers, with NaN for a value that is no number, and the indices of the bad values.
-
-    A value is bad if its cell is not empty and its text is not a number.
-    """
+    """Return values as numbers, NaN for a value that is no number, and the indices of bad values, which are not empty."""
     with suppress(TypeError, ValueError, OverflowError):
         return np.asarray(values, dtype=np.float64), []
     numbers, wrong = np.full(len(values), np.nan), []
@@ -326,22 +319,18 @@ def is_table(source: object) -> bool:
 
 def read_table(table: Any, columns: Mapping[str, str] | None, *, strict: bool, preset: str | None = None) -> Log:
     """Return the vehicles of a table in memory; `columns_of` explains `columns` and `preset`. Messages count rows from 0."""
-    names = _column_names(table)
+    try:
+        # pandas and polars have the names in `columns`; pyarrow has the arrays in `columns` and the names in `column_names`.
+        raw_names = table.keys() if isinstance(table, Mapping) else getattr(table, "column_names", None) or table.columns
+        names = [str(name) for name in raw_names]
+    except Exception as error:  # an unknown library may raise any error
+        raise RunError(f"{_WHERE}: can't be read: {one_line(str(error))}") from error
     fields = columns_of(columns, names, _WHERE, preset=preset)
     values = {field: _column_values(table, column.name) for field, column in fields.items()}
     lengths = {column.name: len(values[field]) for field, column in fields.items()}
     if len(set(lengths.values())) > 1:
         raise RunError(f"{_WHERE}: its columns must be equally long, got {lengths}")
     return log_of(_batches(values, fields), fields, _WHERE, strict=strict)
-
-
-def _column_names(table: Any) -> list[str]:
-    try:
-        # pandas and polars have the names in `columns`; pyarrow has the arrays in `columns` and the names in `column_names`.
-        names = table.keys() if isinstance(table, Mapping) else getattr(table, "column_names", None) or table.columns
-        return [str(name) for name in names]
-    except Exception as error:  # an unknown library may raise any error
-        raise RunError(f"{_WHERE}: can't be read: {one_line(str(error))}") from error
 
 
 def _column_values(table: Any, name: str) -> Any:
@@ -365,13 +354,12 @@ def _batches(values: Mapping[str, Any], columns: Mapping[str, Column]) -> Iterat
         for field in columns:
             values_of_batch: Sequence[Any] = values[field][batch].tolist()
             if field in TEXTS:
-                texts[field] = [_cell_text(value) for value in values_of_batch]
+                # The ids 7 and 7.0 give the same text, because pandas has floats in a column with gaps.
+                texts[field] = [
+                    str(int(value)) if isinstance(value, float) and value.is_integer() else str(value)
+                    for value in values_of_batch
+                ]
                 continue
             numbers[field], wrong = numbers_of(values[field][batch])
             bad += [(k, field, f"{one_line(repr(values_of_batch[k]), 60)} is no number") for k in wrong]
         yield Rows(numbers, texts, np.arange(batch.start, batch.stop), bad)
-
-
-def _cell_text(value: Any) -> str:
-    """Return a value as a text. The ids 7 and 7.0 give the same text, because pandas has floats in a column with gaps."""
-    return str(int(value)) if isinstance(value, float) and value.is_integer() else str(value)
