@@ -203,8 +203,10 @@ def _side(trial: Trial, order: Order, turn: int, farther: Sequence[int]) -> Crit
         shrunk = tuple(start for start in trial.tried() if start not in tried)
         passed = trial.start(failed.lead - sign)
         if fault is not Fault.MANNERS and dict(passed.outcomes)[rule] in (Outcome.PASS, Outcome.NA):
-            beside = _beside(trial, passed, failed, rule)
-            return CriticalStart(trial.line, order, critical, side, failed, rule, Fault.IRRATIONAL, beside, shrunk=shrunk)
+            (run, verdict), (failed_run, other) = _again(trial, passed, rule), _again(trial, failed, rule)
+            away = f"{abs(failed.lead - passed.lead) * STEP:.2f} s less critical"
+            table = side_by_side(run, verdict, failed_run, other, range(len(run.junction.starts)), away)
+            return CriticalStart(trial.line, order, critical, side, failed, rule, Fault.IRRATIONAL, table, shrunk=shrunk)
     explanation = _again(trial, failed, rule)[1].explanation
     return CriticalStart(trial.line, order, critical, side, failed, rule, fault, explanation, shrunk=shrunk)
 
@@ -217,13 +219,6 @@ def _first_failing(trial: Trial, passed: int, failed: int, rule: str) -> int:
         return rule in dict(trial.start(passed + sign * more).failed())
 
     return passed + sign * bisected(fails, 0, abs(failed - passed))
-
-
-def _beside(trial: Trial, passed: Start, failed: Start, rule: str) -> str:
-    """Return a table of two runs side by side: of a start that passes, and of a less critical start that fails."""
-    (run, verdict), (other_run, other) = _again(trial, passed, rule), _again(trial, failed, rule)
-    away = f"{abs(failed.lead - passed.lead) * STEP:.2f} s less critical"
-    return side_by_side(run, verdict, other_run, other, range(len(run.junction.starts)), away)
 
 
 def _again(trial: Trial, start: Start, rule: str) -> tuple[Run, Verdict]:

@@ -112,11 +112,7 @@ class Search:
             return self.settled(searched)
 
     def look(self, driver: Factory, fleet: Fleet, simulator: Simulator | None, name: str | None = None) -> SearchResult:
-        """Run a single search in this process and return its result.
-
-        If a counterexample in the example database of Hypothesis still violates the rule, it is the result, and no other scenario
-        is searched. If not, the database does not affect the search.
-        """
+        """Run a single search in this process; its result is a stored counterexample that still violates the rule, if any."""
         for stored in (True, False) if name else (False,):
             trial = _Trial(self.rule, self.budget, lambda s: Case(s, driver, self.traffic, fleet), simulator)
             counterexample = _falsify(self, trial, fleet.vehicle, name, stored=stored)
@@ -278,7 +274,10 @@ class _Trial:
                 self.errors[scenario] = error
                 raise
             verdict = self.verdicts[scenario] = check(run, self.rule)
-            self.apart[scenario] = _apart(run, scenario.under_test)
+            subject = scenario.under_test
+            pairs = (pair for pair in kpis(run).pairs if subject is None or subject in pair.agents)
+            times = (pair.pet for pair in pairs if pair.pet is not None and pair.pet < _FAR_APART)
+            self.apart[scenario] = min(times, default=_FAR_APART)
             self.triggered = self.triggered or (verdict.status not in (Status.NA, Status.ERROR) and crossed(run))
             self.counts[scenario] = broken(run, verdict)
             if self.first is None and (self.counts[scenario] or verdict.status is Status.ERROR):
@@ -303,12 +302,6 @@ def score(verdict: Verdict, apart: float) -> float:
     if verdict.status is Status.NA:
         return -100.0 - 10.0 * (len(verdict.near.missing) if verdict.near else 10)
     return max(margins, default=-50.0) - _SHARE_OF_APART * apart
-
-
-def _apart(run: Run, subject: str | None) -> float:
-    """Return the shortest post-encroachment time of two vehicles, one of them the subject if any, at most `_FAR_APART` [s]."""
-    pairs = (pair for pair in kpis(run).pairs if subject is None or subject in pair.agents)
-    return min((pair.pet for pair in pairs if pair.pet is not None and pair.pet < _FAR_APART), default=_FAR_APART)
 
 
 def broken(run: Run, verdict: Verdict) -> bool:

@@ -111,7 +111,11 @@ def compare(
 ) -> Comparison:
     """Compare the verdicts on a case with the verdicts on its variants as `equivalent` does, and return the differences."""
     checked_rules = rules_for(rules, case.scenario.place)
-    variants = [variant for name in _checked_relations(relations) for variant in RELATIONS[name](case)]
+    names = (relations,) if isinstance(relations, str) else tuple(relations)
+    for name in names:
+        if name not in RELATIONS:
+            raise ScenarioError(f"unknown relation {name!r}, there are {', '.join(RELATIONS)}{suggest(name, RELATIONS)}")
+    variants = [variant for name in names for variant in RELATIONS[name](case)]
     usable = [v for v in variants if isinstance(v, Variant)]
     base_run, before = judged(case, checked_rules, simulator) if usable else (None, {})
     compared, differences = [], []
@@ -146,14 +150,6 @@ def judged(case: Case, rules: Iterable[Rule], simulator: Simulator | None = None
         if verdict.status is Status.ERROR:
             raise RunError(f"{run.label} can't be judged by {verdict.rule}, so nothing can be compared: {verdict.reason}")
     return run, verdicts
-
-
-def _checked_relations(relations: str | Iterable[str]) -> tuple[str, ...]:
-    names = (relations,) if isinstance(relations, str) else tuple(relations)
-    for name in names:
-        if name not in RELATIONS:
-            raise ScenarioError(f"unknown relation {name!r}, there are {', '.join(RELATIONS)}{suggest(name, RELATIONS)}")
-    return names
 
 
 def side_by_side(run: Run, first: Verdict, other_run: Run, second: Verdict, image: Sequence[int], what: str) -> str:

@@ -129,7 +129,13 @@ def renaming(case: Case) -> Iterator[Variant]:
 
 def motion(case: Case) -> Iterator[Variant | Incomparable]:
     """Yield the case on a translated and rotated map."""
-    yield _on_other_map("moved map", case, moved(case.scenario.place, MOTION), _motion_of_points(MOTION), sided=False)
+    x, y, angle = MOTION
+    cos, sin = np.cos(angle), np.sin(angle)
+
+    def move(px: float, py: float) -> tuple[float, float]:
+        return float(cos * px - sin * py + x), float(sin * px + cos * py + y)
+
+    yield _on_other_map("moved map", case, moved(case.scenario.place, MOTION), move, sided=False)
 
 
 def mirror(case: Case) -> Iterator[Variant | Incomparable]:
@@ -197,16 +203,9 @@ def _changed_case(case: Case, image: tuple[int, ...], **changes: Any) -> Case:
     return replace(case, scenario=after, fleet=replace(case.fleet, others=others))
 
 
-def _motion_of_points(motion_: tuple[float, float, float]) -> Callable[[float, float], tuple[float, float]]:
-    x, y, angle = motion_
-    cos, sin = np.cos(angle), np.sin(angle)
-    return lambda px, py: (float(cos * px - sin * py + x), float(sin * px + cos * py + y))
-
-
 def _on_other_map(
     what: str, case: Case, after: Junction, place: Callable[[float, float], tuple[float, float]], *, sided: bool
 ) -> Variant | Incomparable:
-    """Return the case on a moved or mirrored map."""
     scenario, before = case.scenario, case.scenario.place
     if scenario.pedestrians and len(before.crossings) != len(after.crossings):
         return Incomparable(what, "the other map has other crosswalks")

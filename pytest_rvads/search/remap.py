@@ -81,18 +81,15 @@ def _rewritten_map(source: Path, motion: Motion | None) -> Path:
         if motion is None:
             _mirror(element)
         elif element.tag == "geometry":
-            _move(element, *motion)
+            x, y, angle = motion
+            px, py = float(element.get("x", "0")), float(element.get("y", "0"))
+            cos, sin = math.cos(angle), math.sin(angle)
+            element.set("x", repr(cos * px - sin * py + x))
+            element.set("y", repr(sin * px + cos * py + y))
+            element.set("hdg", repr(float(element.get("hdg", "0")) + angle))
     target = _new_folder() / f"{source.stem}{'-mirrored' if motion is None else '-moved'}.xodr"
     ElementTree(root).write(target, encoding="utf-8", xml_declaration=True)
     return target
-
-
-def _move(geometry: Element, x: float, y: float, angle: float) -> None:
-    px, py = float(geometry.get("x", "0")), float(geometry.get("y", "0"))
-    cos, sin = math.cos(angle), math.sin(angle)
-    geometry.set("x", repr(cos * px - sin * py + x))
-    geometry.set("y", repr(sin * px + cos * py + y))
-    geometry.set("hdg", repr(float(geometry.get("hdg", "0")) + angle))
 
 
 def _mirror(element: Element) -> None:

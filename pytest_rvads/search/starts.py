@@ -134,7 +134,7 @@ class Line:
             crossed = max(self._walked(LONGEST).walkers()[0].crossed, -longest - STEP)
             return max(math.floor(crossed / STEP + 1e-6) + 1, -most), most
         subject, other = (way[0] for way in self.ways)
-        room, other_room = (self._farthest(entrance) for entrance in (subject, other))
+        room, other_room = (self._room(entrance) / self._speed(entrance) for entrance in (subject, other))  # [s]
         if self.begin is Begin.REST:
             low, high = 0.0, other_room
         elif self.by_yellow:
@@ -203,10 +203,6 @@ class Line:
         room = self._room(entrance)
         allowed = fastest_start(self.place, entrance, min(room, LONGEST * _SPEED + _NEAREST))
         return max(int(10 * min(_SPEED, allowed, min(room, _NEAREST) / _SHORTEST)) / 10, 0.1)
-
-    def _farthest(self, entrance: int) -> float:
-        """Return the longest time from its start to its stopping line for which a vehicle has room [s]."""
-        return self._room(entrance) / self._speed(entrance)
 
     def _room(self, entrance: int) -> float:
         """Return the greatest distance to its stopping line at which a vehicle can start [m]; 0.01 m are left for rounding."""

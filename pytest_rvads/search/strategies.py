@@ -192,7 +192,10 @@ def scenarios(  # noqa: PLR0913 - keywords, each a bound of the space
     further_shares = st.one_of(st.none(), shares)
 
     def start_at(distance: float, share: int) -> VehicleStart:
-        limit = _safe_speed(distance, aggression, vehicle, simulator, place.top_limit) if share else 0.0
+        # The limit is v(d)max at this distance, or at a shorter distance, where it is lower [m/s].
+        below, limit = bisect_right(_KNOWN_DISTANCES, distance), 0.0
+        if share and below:
+            limit = vmax(_KNOWN_DISTANCES[below - 1], aggression, vehicle, simulator, place.top_limit) or 0.0
         return VehicleStart(distance, math.floor(10 * pace * limit * share / _SHARES) / 10)
 
     def arrival(entrance: int, start: VehicleStart) -> float:
@@ -234,12 +237,6 @@ def scenarios(  # noqa: PLR0913 - keywords, each a bound of the space
         )
 
     return build()
-
-
-def _safe_speed(distance: float, aggression: int, vehicle: Vehicle | None, simulator: Simulator | None, most: float) -> float:
-    """Return v(d)max at a distance to the line, or a lower safe speed, but at most the speed limit `most` [m/s]."""
-    below = bisect_right(_KNOWN_DISTANCES, distance)
-    return (vmax(_KNOWN_DISTANCES[below - 1], aggression, vehicle, simulator, most) or 0.0) if below else 0.0
 
 
 class VehicleStart(NamedTuple):

@@ -104,12 +104,11 @@ class Setting:
     def simulated(self, scenario: Scenario) -> Run:
         """Simulate a scenario; the run may have ended by a fault."""
         with choosing(Choice(self.simulator, self.limits)):
-            return simulate(self._case(scenario), self.simulator)
-
-    def _case(self, scenario: Scenario) -> Case:
-        if self.traffic is None:
-            return Case(scenario.but(subject=None), self.driver, fleet=self.fleet)
-        return Case(scenario, self.driver, self.traffic.factory, self.fleet)
+            if self.traffic is None:
+                case = Case(scenario.but(subject=None), self.driver, fleet=self.fleet)
+            else:
+                case = Case(scenario, self.driver, self.traffic.factory, self.fleet)
+            return simulate(case, self.simulator)
 
     def id(self, scenario: Scenario) -> str:
         """Return the id of a start, given by its scenario, in reports."""
