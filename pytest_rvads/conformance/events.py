@@ -56,10 +56,8 @@ def gone_for_good(bench: Bench) -> Iterator[str]:
     for column, name in enumerate(leaving):
         gone = run.zone[:, column] == Zone.GONE
         if not gone.any():
-            yield (
-                f"{run.label}: {name} is in zone {_zone(run, column)} at the end, expected gone, after {EXIT_LENGTH:g} m of its "
-                "exit road"
-            )
+            zone = Zone(int(run.zone[-1, column])).name.lower()
+            yield f"{run.label}: {name} is in zone {zone} at the end, expected gone, after {EXIT_LENGTH:g} m of its exit road"
             continue
         tick = int(gone.argmax())
         if not gone[tick:].all():
@@ -70,10 +68,6 @@ def gone_for_good(bench: Bench) -> Iterator[str]:
         late = [s for s in shown if round(s.time / DT) >= tick and name in (s.me.name, *(other.name for other in s.others))]
         if late:
             yield f"{run.label}: {name} is gone at {tick * DT:.2f} s, {late[0].me.name} is shown it at {late[0].time:.2f} s"
-
-
-def _zone(run: Run, column: int) -> str:
-    return Zone(int(run.zone[-1, column])).name.lower()
 
 
 def crossing(bench: Bench) -> Iterator[str]:
@@ -152,7 +146,9 @@ def _collides(bench: Bench, case: Case) -> Iterator[str]:
             "there"
         )
     before = max(min(tick, run.steps - 1) - 1, 0)
-    impact = _apart(run, before)
+    (_, _, one), (_, _, two) = run.need("pose")[before]
+    fast, slow = run.need("speed")[before]
+    impact = math.hypot(fast * math.cos(one) - slow * math.cos(two), fast * math.sin(one) - slow * math.sin(two))
     if abs(collision.speed - impact) > 0.5 + 0.1 * impact:
         yield (
             f"{run.label}: the collision is at {collision.speed:.2f} m/s, the two move apart or together at {impact:.2f} m/s "
@@ -169,13 +165,6 @@ def _wider(run: Run) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
         replace(agent, size=(length + NEAR, width + NEAR)) for agent, (length, width) in zip(run.agents, sizes, strict=True)
     ]
     return overlap(replace(run, agents=tuple(agents), collisions=None), 0, 1)
-
-
-def _apart(run: Run, tick: int) -> float:
-    """Return the relative speed of the two vehicles in a state [m/s]."""
-    (_, _, one), (_, _, two) = run.need("pose")[tick]
-    fast, slow = run.need("speed")[tick]
-    return math.hypot(fast * math.cos(one) - slow * math.cos(two), fast * math.sin(one) - slow * math.sin(two))
 
 
 def passing(bench: Bench) -> Iterator[str]:

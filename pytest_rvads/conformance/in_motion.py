@@ -155,20 +155,16 @@ def speeds_are_progress(bench: Bench) -> Iterator[str]:
         near = np.abs(rate - mean) <= absolute + relative * np.abs(mean)  # false for NaN
         wrong = np.argwhere(~near & (run.zone[1:] <= Zone.ENTRANCE) & (run.zone[1:] >= Zone.APPROACH)).tolist()
         for tick, column in wrong:
-            if _bent(ways[column], float(station[tick, column])):
-                continue
+            at = float(station[tick, column])
+            before, after = (ways[column].pose(at + distance).heading for distance in (-_BODY, 1.0))
+            if abs(math.remainder(after - before, math.tau)) > _STRAIGHT:
+                continue  # in a bend the front bumper moves on another path than the vehicle
             yield (
                 f"{run.label}: {run.agents[column].name} gets on by {rate[tick, column]:.2f} m/s from {tick * DT:.2f} s to the "
                 "next state, "
                 f"its speed is {mean[tick, column]:.2f} m/s: give the forward speed in m/s, and the station that belongs to it"
             )
             break
-
-
-def _bent(way: Itinerary, station: float) -> bool:
-    """Return whether a centre line bends near a station; in a bend the front bumper moves on another path than the vehicle."""
-    before, after = (way.pose(station + d).heading for d in (-_BODY, 1.0))
-    return abs(math.remainder(after - before, math.tau)) > _STRAIGHT
 
 
 def headings_and_places(bench: Bench) -> Iterator[str]:

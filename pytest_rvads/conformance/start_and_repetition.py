@@ -193,7 +193,10 @@ def another_process(bench: Bench) -> Iterator[str]:
     """
     cases = _cases(bench)
     try:
-        pickled = base64.b64encode(pickle.dumps((bench.where or _shipped(bench.simulator), cases))).decode()
+        simulator: str | Simulator = bench.where or bench.simulator
+        if not bench.where and (name := bench.simulator.name) in simulators() and named(name) is bench.simulator:
+            simulator = name
+        pickled = base64.b64encode(pickle.dumps((simulator, cases))).decode()
     except Exception as error:
         yield (
             f"the simulator or a driver can't be sent to another process, {one_line(repr(error), 120)}: "
@@ -236,12 +239,6 @@ def answer() -> None:
     with limits(decision=asked["longest"], run=asked["longest"]):
         hashes = [simulate(case, maker).hash for case in cases]
     sys.stdout.write(f"{_MARK}{json.dumps(hashes)}\n")
-
-
-def _shipped(simulator: Simulator) -> Simulator | str:
-    """Return the name of a simulator that comes with the package; return any other simulator unchanged."""
-    name = simulator.name
-    return name if name in simulators() and named(name) is simulator else simulator
 
 
 def provenance(bench: Bench) -> Iterator[str]:
