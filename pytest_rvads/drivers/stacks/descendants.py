@@ -54,7 +54,13 @@ class Descendants:
     def living(self) -> set[int]:
         """Return the ids of the running processes of the stack; a zombie counts as ended, but its children are recognised."""
         table = {process: _kin(process) for process in psutil.process_iter(["ppid", "status", "num_threads", "environ"])}
-        ours = {process for process, kin in table.items() if self._concerns(process, kin)}
+        ours = {
+            process
+            for process, kin in table.items()
+            if (process.info["environ"] or {}).get(MARK) == self._mark
+            or process in self._seen
+            or self._leader in (process.pid, *kin)
+        }
         pids = {process.pid for process in ours}
         while relatives := {process for process, kin in table.items() if process not in ours and not pids.isdisjoint(kin)}:
             ours |= relatives
@@ -63,10 +69,6 @@ class Descendants:
         self.groups |= {table[process][1] for process in ours} - {0, 1, os.getpgrp()}  # `os.kill` takes 0 and 1 for other groups
         # Threads can outlive the main thread, whose end makes the process look like a zombie.
         return {p.pid for p in ours if p.info["status"] != psutil.STATUS_ZOMBIE or (p.info["num_threads"] or 0) > 1}
-
-    def _concerns(self, process: psutil.Process, kin: tuple[int, int, int]) -> bool:
-        marked = (process.info["environ"] or {}).get(MARK) == self._mark
-        return marked or process in self._seen or self._leader in (process.pid, *kin)
 
 
 def _kin(process: psutil.Process) -> tuple[int, int, int]:

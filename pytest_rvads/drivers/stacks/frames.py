@@ -161,10 +161,7 @@ class Binary(messages.Format):
 
 
 def _entrance(entrance: dict[str, Any]) -> tuple[Any, ...]:
-    """Return the numbers of an entrance for its struct.
-
-    Without a setback of the sign, the setback of the stopping line is given twice.
-    """
+    """Return the numbers of an entrance for its struct; without a setback of the sign, that of the stopping line stands twice."""
     back, posted = entrance["setback"], entrance["sign_setback"]
     fixed = entrance["arm"], entrance["lane"], _SIGNS[entrance["sign"]]
     return *fixed, _phase(entrance), back, back if posted is None else posted

@@ -27,7 +27,6 @@ from pytest_rvads.geometry.conflicts import Stretch
 from pytest_rvads.geometry.crosswalks import Side
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.segment import Pose, Segment
-from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.states import Colour, VehicleState, Zone
 
 VERSION = 2
@@ -145,6 +144,8 @@ def reset(seen: Observation, period: float, pedestrians: bool = False) -> dict[s
         period: time between two observations [s].
     """
     itinerary, vehicle = seen.itinerary, seen.vehicle
+    first = -itinerary.origin
+    stations = [first + k for k in range(int(itinerary.end - first))] + [itinerary.end]  # a point per metre, and the end
     return {
         "type": "reset",
         "name": seen.me.name,
@@ -168,17 +169,10 @@ def reset(seen: Observation, period: float, pedestrians: bool = False) -> dict[s
             "length": itinerary.length,
             "end": itinerary.end,
             "speed_limits": [(at, itinerary.limit_at(at)) for at, _ in itinerary.limits or ((-itinerary.origin, None),)],
-            "path": _path(itinerary),
+            "path": tuple((s, *itinerary.pose(s)) for s in stations),
         },
         "map": _map(seen.junction) | (_crosswalks(seen.junction.walked) if pedestrians else {}),
     }
-
-
-def _path(itinerary: Itinerary) -> tuple[tuple[float, float, float, float], ...]:
-    """Return the centre line of an itinerary with a point per metre: station, x, y [m], heading [rad]."""
-    first = -itinerary.origin
-    stations = [first + k for k in range(int(itinerary.end - first))] + [itinerary.end]
-    return tuple((s, *itinerary.pose(s)) for s in stations)
 
 
 @lru_cache(maxsize=64)
@@ -303,10 +297,7 @@ class Format(ABC):
 
     @abstractmethod
     def answer(self, child: Child, limit: float) -> tuple[Command, float | None, int | None]:
-        """Return the next command, the compute time that the stack reports [s], and the step of the answered observation.
-
-        Compute time and step are None if the stack does not report them.
-        """
+        """Return the next command, and compute time [s] and step of the answered observation, None if not reported."""
 
     def others(self, seen: Observation) -> list[VehicleState]:
         """Return the other vehicles that came from an entrance."""

@@ -118,7 +118,11 @@ class Process(TrafficSystem):
             StackError: a process does not start.
         """
         while len(self.connections) < len(agents):
-            self.connections.append(self._connect())
+            try:
+                connection = Connection(lambda: Child(self.command, *self._place), *self._limits)
+            except StackError as error:
+                raise type(error)(f"{self.label}: {error}", error.detail) from None
+            self.connections.append(connection)
         return [Pilot(self, k) for k in range(len(agents))]
 
     def drop(self, connection: Connection) -> None:
@@ -142,12 +146,6 @@ class Process(TrafficSystem):
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-    def _connect(self) -> Connection:
-        try:
-            return Connection(lambda: Child(self.command, *self._place), *self._limits)
-        except StackError as error:
-            raise type(error)(f"{self.label}: {error}", error.detail) from None
 
 
 class Pilot(Autopilot):
@@ -252,10 +250,7 @@ class Connection:
             raise self.failed(error) from None
 
     def ask(self, seen: Observation) -> tuple[Command, float]:
-        """Return the command for an observation, and the compute time [s].
-
-        The compute time is the time that the stack reports, or if it reports none, the time until its answer arrived.
-        """
+        """Return the command for an observation, and the compute time, reported or until the answer arrived [s]."""
         began = time.perf_counter()
         self._step += 1
         try:
