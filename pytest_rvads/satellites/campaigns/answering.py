@@ -56,10 +56,7 @@ class Job:
 
 
 def judge(question: Question, job: Job) -> bytes:
-    """Return the verdicts of all rules on a case, as a `Judged` in JSON.
-
-    If the simulation raises an error, every verdict is ERROR.
-    """
+    """Return the verdicts of all rules on a case, as a `Judged` in JSON; every verdict is ERROR if the simulation fails."""
     own_versions = _versions(tuple(question.versions))
     if (code(), own_versions) != (question.code, question.versions):
         raise RvadsError(

@@ -70,10 +70,7 @@ class Head(msgspec.Struct, frozen=True, kw_only=True):
         return msgspec.structs.replace(self, drivers=drivers, cases=ended, results=results, unfit=unfit)
 
     def differs(self, other: Head) -> str:
-        """Return the names of the values in which two heads differ, as a text, which is empty if the heads agree.
-
-        A driver that only one of the two heads names is no difference.
-        """
+        """Return the names of the values in which two heads differ, as a text; a driver that only one head names is none."""
         pairs = [(word, self.made.get(word), other.made.get(word)) for word in {**self.made, **other.made}]
         pairs += [(f"version of {name}", version, other.versions.get(name)) for name, version in self.versions.items()]
         pairs += [(f"code or values of {name}", key, other.drivers.get(name, key)) for name, key in self.drivers.items()]

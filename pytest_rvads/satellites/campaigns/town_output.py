@@ -128,10 +128,7 @@ def draw_replays(
     simulator: Simulator | None = None,
     progress: Progress | None = None,
 ) -> Replays:
-    """Simulate the example run of every cause of failures again, and write replay pages of its violations.
-
-    `case_of` gives the cases of runs by name, `again` the command that simulates a run once more.
-    """
+    """Simulate the example run of every cause of failures again, and write replay pages of its violations."""
     examples = list(_examples(tallies))
     rules_of_run: dict[str, set[str]] = {}
     for cause in examples[:MOST]:

@@ -198,7 +198,6 @@ def town_page(
 
 
 def _junction_data(site: Site, tally: Tally, looks: Mapping[tuple[str, str], str], again: str) -> dict[str, object]:
-    """Return what the page shows of a junction, as a JSON object for the script of the page."""
     configurations = sorted({cfg for _, cfg, _ in tally.table})
     rules = list(dict.fromkeys(rule for rule, _, _ in sorted(tally.table)))
     outcomes = {(rule, cfg): Counter[Outcome]() for rule in rules for cfg in configurations}

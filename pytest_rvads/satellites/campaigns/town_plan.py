@@ -122,7 +122,6 @@ class Plan:
         return counts
 
     def __iter__(self) -> Iterator[Planned]:
-        """Yield the planned cases, junction by junction."""
         if self.sample is None:
             yield from self._all_cases()
         else:
@@ -145,10 +144,7 @@ class Plan:
                         yield Planned(name, Case(scenario, request.driver, traffic.factory if traffic else None))
 
     def selections(self, place: Junction) -> tuple[Selection, ...]:
-        """Return the selected scenarios of a junction, including scenarios in which a vehicle has no room at its start.
-
-        With a subject, scenarios without other vehicles (`alone`) are added, unless the cover ``partial`` contains them.
-        """
+        """Return the selected scenarios of a junction, also without room, and for a subject those without other vehicles."""
         request, seat = self.request, self.request.subject
         names = request.grid or ("paper" if seat is None else ARRIVALS,)
         points = grid(names, len(place.entrances), place.control)
