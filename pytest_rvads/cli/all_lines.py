@@ -180,7 +180,18 @@ def _page(certificates: Sequence[Mapping[str, Any]]) -> str:
         summary = certificate["summary"].removeprefix(f"{certificate['junction']}: ")
         parts.append(f"<h2>{markup(certificate['junction'])}</h2><p>{markup(summary)}</p>")
         strips = draw_strips(rows, -LONGEST, LONGEST, "lead of the subject")
-        parts.append(f"<div class=scroll>{strips}</div>{_failures(certificate)}")
+        parts.append(f"<div class=scroll>{strips}</div>")
+        errors = [strip for group in certificate["groups"] for strip in group if strip["error"]]
+        failures = ["<li>" + markup(f"{strip['title']}: ERROR: {strip['error']}") for strip in errors]
+        for strip in (merged[0] for group in certificate["groups"] for merged in _merged(group)):
+            for pieces in _alike(strip):
+                begin, end = pieces[0], pieces[-1]
+                if begin["rule"]:
+                    span = f"{begin['rule']} {begin['status']} from {begin['from']:+.2f} to {end['to']:+.2f} s"
+                    text = markup(f"{strip['title']}: {span}")
+                    failures.append(f"<li>{text}<code class=line>{markup(begin['rerun'])}</code>")
+        if failures:
+            parts.append(f"<ul>{''.join(failures)}</ul>")
     return rendered("critical starts", blocks, None, ("pytest_rvads.report", "all_lines"), strips="".join(parts))
 
 
@@ -218,20 +229,6 @@ def _alike(strip: Mapping[str, Any]) -> Iterator[list[Mapping[str, Any]]]:
     """Yield lists of neighbouring pieces of a strip with the same order of the vehicles and the same worst verdict."""
     for _, pieces in groupby(strip["pieces"], key=lambda piece: (piece["order"], piece["status"], piece["rule"])):
         yield list(pieces)
-
-
-def _failures(certificate: Mapping[str, Any]) -> str:
-    """Return an HTML list of the errors and of the ranges of failing starts at a junction; each range has a rerun command."""
-    strips = [strip for group in certificate["groups"] for strip in group if strip["error"]]
-    lines = ["<li>" + markup(f"{strip['title']}: ERROR: {strip['error']}") for strip in strips]
-    for strip in (strips[0] for group in certificate["groups"] for strips in _merged(group)):
-        for pieces in _alike(strip):
-            first, last = pieces[0], pieces[-1]
-            if first["rule"]:
-                span = f"{first['rule']} {first['status']} from {first['from']:+.2f} to {last['to']:+.2f} s"
-                text = markup(f"{strip['title']}: {span}")
-                lines.append(f"<li>{text}<code class=line>{markup(first['rerun'])}</code>")
-    return f"<ul>{''.join(lines)}</ul>" if lines else ""
 
 
 class Band(NamedTuple):

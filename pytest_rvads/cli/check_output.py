@@ -95,19 +95,16 @@ def measured(verdict: Verdict, instance: InstanceVerdict) -> dict[str, Any]:
     return {"time": when(verdict, instance), "margin": margin, **hangs}
 
 
-def _verdict(verdict: Verdict) -> dict[str, Any]:
-    """Return a verdict as a JSON object: the status, and the violated, unsure and (if any) open instances of the rule."""
-    instances_by_word: dict[str, list[dict[str, Any]]] = {word: [] for word in _LISTED.values()}
-    for instance in verdict.instances:
-        if instance.status in _LISTED:
-            instances_by_word[_LISTED[instance.status]].append({**dict(instance.binding), **measured(verdict, instance)})
-    return {"status": verdict.status.value} | {
-        word: instances for word, instances in instances_by_word.items() if instances or word != "open"
-    }
-
-
 def _verdicts(answer: RunAnswer) -> dict[str, Any]:
-    return {verdict.rule: _verdict(verdict) for verdict in answer.verdicts}
+    by_rule: dict[str, Any] = {}
+    for verdict in answer.verdicts:
+        instances_by_word: dict[str, list[dict[str, Any]]] = {word: [] for word in _LISTED.values()}
+        for instance in verdict.instances:
+            if instance.status in _LISTED:
+                instances_by_word[_LISTED[instance.status]].append({**dict(instance.binding), **measured(verdict, instance)})
+        listed = {word: instances for word, instances in instances_by_word.items() if instances or word != "open"}
+        by_rule[verdict.rule] = {"status": verdict.status.value} | listed
+    return by_rule
 
 
 class _Object(Output):

@@ -75,16 +75,11 @@ def _test_files(options: argparse.Namespace, folder: Path) -> dict[str, str]:
     if options.sut:
         drives = template("stack.txt", {"command": _command_words(options.sut)})
     else:
-        drives = Template(template("conftest.txt")).substitute(fault=_fault(place))
+        signs = {Sign.STOP} if place is None else {entrance.sign for entrance in place.entrances}
+        fault = "not at a red light" if Sign.LIGHTS in signs else "not for who comes and has to be let pass"
+        fault = "not at the stop sign" if Sign.STOP in signs else fault
+        drives = Template(template("conftest.txt")).substitute(fault=fault)
     return {"conftest.py": drives, "test_rules.py": tests}
-
-
-def _fault(place: Junction | None) -> str:
-    """Return what MyController does wrong at a junction, in words; None is the built-in all-way stop."""
-    signs = {Sign.STOP} if place is None else {entrance.sign for entrance in place.entrances}
-    if Sign.STOP in signs:
-        return "not at the stop sign"
-    return "not at a red light" if Sign.LIGHTS in signs else "not for who comes and has to be let pass"
 
 
 def _write_new(folder: Path, texts: Mapping[str, str]) -> list[Path]:

@@ -117,26 +117,22 @@ def _diagram(ways: int, directions: Sequence[int]) -> str:
         ux, uy = _outward(arm, ways)
         number = _RADIUS + 8
         parts.append(text(number * ux, number * uy + 3, str(arm), font_size=9, fill="#666", text_anchor="middle"))
-        if direction:
-            parts.append(_movement(ways, arm, (arm + direction) % ways, direction))
+        if not direction:
+            continue
+        # The movement leads from the lane into the junction to the lane out. Screen y points down: the lane to the right of a
+        # driver heading inwards (-u) lies along (uy, -ux).
+        vx, vy = _outward((arm + direction) % ways, ways)
+        start = (_RADIUS * ux + _LANE * uy, _RADIUS * uy - _LANE * ux)
+        end = (_RADIUS * vx - _LANE * vy, _RADIUS * vy + _LANE * vx)
+        bend = 2 * _LANE
+        controls = (bend * ux + _LANE * uy, bend * uy - _LANE * ux), (bend * vx - _LANE * vy, bend * vy + _LANE * vx)
+        path = " ".join(f"{x:.1f} {y:.1f}" for x, y in (*controls, end))
+        colour = _COLOURS[direction - 1]
+        parts.append(
+            f'<path d="M{start[0]:.1f} {start[1]:.1f}C{path}" fill="none" stroke="{colour}" stroke-width="2" '
+            f'marker-end="url(#d{direction})"/>'
+        )
     return "".join(parts)
-
-
-def _movement(ways: int, entrance: int, leaving: int, direction: int) -> str:
-    """Return the SVG path of a movement, from the lane that leads into the junction to the lane that leads out."""
-    ux, uy = _outward(entrance, ways)
-    vx, vy = _outward(leaving, ways)
-    # Screen y points down: the lane to the right of a driver heading inwards (-u) lies along (uy, -ux).
-    start = (_RADIUS * ux + _LANE * uy, _RADIUS * uy - _LANE * ux)
-    end = (_RADIUS * vx - _LANE * vy, _RADIUS * vy + _LANE * vx)
-    bend = 2 * _LANE
-    controls = (bend * ux + _LANE * uy, bend * uy - _LANE * ux), (bend * vx - _LANE * vy, bend * vy + _LANE * vx)
-    path = " ".join(f"{x:.1f} {y:.1f}" for x, y in (*controls, end))
-    colour = _COLOURS[direction - 1]
-    return (
-        f'<path d="M{start[0]:.1f} {start[1]:.1f}C{path}" fill="none" stroke="{colour}" stroke-width="2" '
-        f'marker-end="url(#d{direction})"/>'
-    )
 
 
 def _outward(arm: int, ways: int) -> tuple[float, float]:

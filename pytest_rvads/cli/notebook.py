@@ -19,7 +19,7 @@ from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.precedence import Reason
 from pytest_rvads.geometry.turns import turn_word
-from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Verdict
+from pytest_rvads.logic.judging.verdicts import Verdict
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.draw.scene import Scene, body, course, draw_ways, inks, label, picture, still
 from pytest_rvads.report.outline import Causes, Head, Notes, outline
@@ -178,7 +178,15 @@ def _run(run: Run) -> str:
         summary.append(f"driven by {names['autopilot']}" + (f" among {names['traffic']}" if "traffic" in names else ""))
     if "simulator" in names:
         summary.append(f"simulated by {names['simulator']}")
-    rows = [(agent.name, _way(run.junction, agent), *_passage(run, column)) for column, agent in enumerate(run.agents)]
+    rows = []
+    for column, agent in enumerate(run.agents):
+        times = []
+        for zone, _ in _ZONES:
+            reached = np.flatnonzero(run.zone[:, column] >= zone)
+            # ``by`` marks a zone in which the recording of the agent begins.
+            before = "by " if len(reached) and reached[0] == run.spans[column, 0] else ""
+            times.append(f"{before}{run.start + reached[0] * run.dt:.2f} s" if len(reached) else "never")
+        rows.append((agent.name, _way(run.junction, agent), *times))
     title = f"{run.start + tick * run.dt:.2f} s: {reason}"
     hit = {name for collision in run.collisions or () for name in collision.agents}
     return _block(
@@ -221,16 +229,6 @@ def telling(run: Run) -> tuple[int, str]:
     return (begin + end - 1) // 2, f"{inside.max()} in the junction"
 
 
-def _passage(run: Run, column: int) -> list[str]:
-    """Return texts on the times at which an agent enters its zones; ``by`` marks a zone in which the agent's recording begins."""
-    times = []
-    for zone, _ in _ZONES:
-        reached = np.flatnonzero(run.zone[:, column] >= zone)
-        before = "by " if len(reached) and reached[0] == run.spans[column, 0] else ""
-        times.append(f"{before}{run.start + reached[0] * run.dt:.2f} s" if len(reached) else "never")
-    return times
-
-
 def _status(outcome: Outcome) -> str:
     return f"{_MARKS[outcome.mark][0]} {outcome.value}"
 
@@ -240,6 +238,21 @@ def _verdict(verdict: Verdict) -> str:
     colour = _MARKS[outcome.mark][1]
     badge = f'<b style="background:{colour};color:#fff;padding:1px 7px;border-radius:4px">{_status(outcome)}</b> '
     head = ("about", "verdict", "since", "broken", "margin", "because")
+
+    def clock(tick: int | None) -> str:
+        return "" if tick is None else f"{verdict.start + tick * verdict.dt:.2f} s"
+
+    rows = [
+        (
+            ", ".join(f"{variable} = {name}" for variable, name in instance.binding),
+            instance.status.value,
+            clock(instance.trigger),
+            clock(instance.failed),
+            "" if instance.margin is None else f"{instance.margin:.2f} s",
+            instance.hangs or ", ".join(instance.broken),
+        )
+        for instance in verdict.instances
+    ]
     unfolded = " open" if outcome.mark in ("bad", "doubt") else ""
     text = (
         f'<pre style="overflow-x:auto;white-space:pre;font-family:monospace;line-height:1.35">{markup(verdict.explanation)}</pre>'
@@ -249,7 +262,7 @@ def _verdict(verdict: Verdict) -> str:
         _paragraph(verdict.rule, "; ".join(filter(None, [verdict.title, *requirement])), before=badge),
         _paragraph(verdict.message),
         *(_paragraph(f"note: {note}") for note in verdict.notes),
-        _html_table(head, [_instance(verdict, instance) for instance in verdict.instances]),
+        _html_table(head, rows),
         f"<details{unfolded}><summary>explanation</summary>{text}</details>" if verdict.explanation else "",
     )
 
@@ -281,20 +294,6 @@ def _report(report: Report) -> str:
     groups = [block for block in blocks if isinstance(block, Causes)]
     rows = [(group.title, str(c.count), c.rule, c.line, group.first(c)) for group in groups for c in group.causes]
     return _block(*map(_paragraph, lines), _html_table(("", "items", "rule", "cause", "first"), rows))
-
-
-def _instance(verdict: Verdict, instance: InstanceVerdict) -> tuple[str, ...]:
-    def clock(tick: int | None) -> str:
-        return "" if tick is None else f"{verdict.start + tick * verdict.dt:.2f} s"
-
-    return (
-        ", ".join(f"{variable} = {name}" for variable, name in instance.binding),
-        instance.status.value,
-        clock(instance.trigger),
-        clock(instance.failed),
-        "" if instance.margin is None else f"{instance.margin:.2f} s",
-        instance.hangs or ", ".join(instance.broken),
-    )
 
 
 def _way(junction: Junction, agent: Agent) -> str:

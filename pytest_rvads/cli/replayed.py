@@ -71,7 +71,11 @@ def failed_run(folder: Path, report: Report, record: Record, page: Path, earlier
     if run.hash != record.hash:
         raise RunError(f"{path} holds another run than that of {record.nodeid}: run it again: {again}")
     verdict, rule, doubt = _judged_again(run, record.verdicts[-1])
-    start = _start_text(run, record)
+    scenario = run.provenance.get("scenario")
+    start = record.recording if isinstance(record, RecordedItem) else record.run or ""
+    if isinstance(scenario, Mapping):
+        with suppress(RvadsError):  # another version of this package wrote the scenario
+            start = recalled(scenario, run.junction, "scenario").describe()
     origin_lines = [f"{word:<9} {text}" for word, text in facts(record, start, "") if word not in ("rule", "requirements")]
     notes = "\n".join(
         (verdict.explanation or verdict.message, *origin_lines, *([f"note      {doubt}"] if doubt else []), f"rerun     {again}")
@@ -121,12 +125,3 @@ def _judged_again(run: Run, recorded: Verdict) -> tuple[Verdict, Rule | None, st
         return verdict, rule, ""
     session, version = f"the session said {recorded.status} by {recorded.rule}", f"this version says {verdict.status}"
     return recorded, None, f"{session}, and {version}: the page shows the verdict of the session"
-
-
-def _start_text(run: Run, record: Record) -> str:
-    """Return the start of a simulated run in words, or the name of a recorded run."""
-    scenario = run.provenance.get("scenario")
-    if isinstance(scenario, Mapping):
-        with suppress(RvadsError):  # another version of this package wrote the scenario
-            return recalled(scenario, run.junction, "scenario").describe()
-    return record.recording if isinstance(record, RecordedItem) else record.run or ""

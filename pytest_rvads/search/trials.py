@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import NamedTuple
@@ -144,7 +144,11 @@ class Trial:
         if lead not in self._starts:
             run, verdicts = self.setting.judged(self.line.scenario(lead))
             outcomes = tuple((verdict.rule, verdict.outcome) for verdict in verdicts)
-            self._starts[lead] = Start(lead, self._goes(run), outcomes, _difference(run, verdicts, self.line.seat))
+            measured, difference = arrival_differences(run), None
+            if measured is not None and any(verdict.asked and verdict.outcome.judges for verdict in verdicts):
+                tried = (seconds for own, _, seconds in measured.tried if run.agents[own].entrance == self.line.seat)
+                difference = next(tried, None)
+            self._starts[lead] = Start(lead, self._goes(run), outcomes, difference)
         return self._starts[lead]
 
     def _goes(self, run: Run) -> bool:
@@ -167,11 +171,3 @@ def _reached(run: Run, column: int, station: float) -> float:
     """Return the time at which the agent in a column reaches a station [s]; inf if the agent does not."""
     reached = np.flatnonzero(run.need("station")[:, column] >= station)
     return float(reached[0]) * run.dt if len(reached) else math.inf
-
-
-def _difference(run: Run, verdicts: Sequence[Verdict], seat: int) -> float | None:
-    """Return the arrival of the other vehicle minus the arrival of the vehicle at a seat, see `Start.difference` [s]."""
-    measured = arrival_differences(run)
-    if measured is None or not any(verdict.asked and verdict.outcome.judges for verdict in verdicts):
-        return None
-    return next((seconds for own, _, seconds in measured.tried if run.agents[own].entrance == seat), None)

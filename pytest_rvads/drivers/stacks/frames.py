@@ -105,13 +105,20 @@ class Binary(messages.Format):
         others, lights = self.others(seen), self.lights(seen)
         if len(others) > OTHERS:
             raise StackError(f"there are {len(others)} other vehicles, {_ROOM.format(OTHERS)}")
+        beside = []
+        if self.pedestrians:
+            (pedestrians, parked), walks = self.beside(seen), self.walks(seen)
+            if len(pedestrians) > OTHERS:
+                raise StackError(f"there are {len(pedestrians)} pedestrians, {_ROOM.format(OTHERS)}")
+            beside.append(_BESIDE.pack(len(pedestrians), len(parked), *walks, *[0] * (ENTRANCES - len(walks))))
+            beside += [self._row(*one) for one in (*pedestrians, *parked)]
         body = b"".join(
             (
                 _SEEN.pack(seen.time, step, len(others), len(lights), 0),
                 self._vehicle(seen.me),
                 _LIGHTS.pack(*lights, *[0] * (ENTRANCES - len(lights))),
                 *map(self._vehicle, others),
-                *(self._pedestrians(seen) if self.pedestrians else ()),
+                *beside,
             )
         )
         return HEADER.pack(OBSERVE, len(body)) + body
@@ -137,15 +144,6 @@ class Binary(messages.Format):
 
     def _vehicle(self, state: VehicleState) -> bytes:
         return self._row(state, state.entrance, self._lanes[state.entrance])
-
-    def _pedestrians(self, seen: Observation) -> list[bytes]:
-        """Return the end of an observation: numbers of pedestrians and parked vehicles, pedestrian lights, and the structs."""
-        pedestrians, parked = self.beside(seen)
-        walks = self.walks(seen)
-        if len(pedestrians) > OTHERS:
-            raise StackError(f"there are {len(pedestrians)} pedestrians, {_ROOM.format(OTHERS)}")
-        counts = _BESIDE.pack(len(pedestrians), len(parked), *walks, *[0] * (ENTRANCES - len(walks)))
-        return [counts, *(self._row(*one) for one in (*pedestrians, *parked))]
 
     def _row(self, state: VehicleState, place: int, part: int) -> bytes:
         return _VEHICLE.pack(

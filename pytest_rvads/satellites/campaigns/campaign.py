@@ -147,24 +147,21 @@ class _Campaign:
             if self._results.holds(key):
                 self._report_progress()
                 continue
-            job = Job(number, key, case, *self._registered_names(case))
+            head = self._results.head
+            driver, traffic = self._keys.identified(case.driver), case.traffic and self._keys.identified(case.traffic)
+            # The class of the driver with other parameters may drive the traffic, so the two identities need different names.
+            identities = {driver.name: driver.identity} | ({f"{traffic.policy} traffic": traffic.identity} if traffic else {})
+            changed = next((name for name, own in identities.items() if head.drivers.get(name, own) != own), None)
+            if changed is not None:
+                raise RvadsError(
+                    f"two different drivers of a campaign have the name {changed}: "
+                    "give each driver a name or a campaign of its own"
+                )
+            self._results.tell(msgspec.structs.replace(head, drivers=head.drivers | identities, cases=None))
+            job = Job(number, key, case, driver.name, traffic.policy if traffic else None)
             self._in_flight[self._sent] = job
             self._sent += 1
             yield job
-
-    def _registered_names(self, case: Case) -> tuple[str, str | None]:
-        """Return the names of a case's driver and traffic, and write the identity of both into the file of results."""
-        head = self._results.head
-        driver, traffic = self._keys.identified(case.driver), case.traffic and self._keys.identified(case.traffic)
-        # The class of the driver with other parameters may drive the traffic, so the two identities need different names.
-        identities = {driver.name: driver.identity} | ({f"{traffic.policy} traffic": traffic.identity} if traffic else {})
-        changed = next((name for name, key in identities.items() if head.drivers.get(name, key) != key), None)
-        if changed is not None:
-            raise RvadsError(
-                f"two different drivers of a campaign have the name {changed}: give each driver a name or a campaign of its own"
-            )
-        self._results.tell(msgspec.structs.replace(head, drivers=head.drivers | identities, cases=None))
-        return driver.name, traffic.policy if traffic else None
 
     def _report_progress(self) -> None:
         self._finished += 1

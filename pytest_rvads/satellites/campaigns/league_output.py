@@ -265,28 +265,21 @@ def sections(league: Mapping[str, Any]) -> Iterator[Section]:
         figures.append(_plain((driver["name"], driver["runs"], hours, met, gap, started, *(faults[fault] for fault in _FAULTS))))
     yield Section("figures", (), _FIGURES, tuple(figures))
     for driver in league["drivers"]:
-        if causes := tuple(_cause_rows(driver)):
-            yield Section(f"causes: {driver['name']}", (), _CAUSES, causes)
+        rows = []
+        for cause in driver["causes"]:
+            text = cause["text"] if cause["title"] == FAILURES else f"{cause['title']}: {cause['text']}"
+            *cells, command = _plain((cause["count"], ", ".join(cause["rules"]), text, cause["rerun"]))
+            rows.append((*cells, (cause["look"], "look"), command))
+        for side in driver["sides"]:
+            if side["fault"] or side["error"]:
+                text = side["error"] or f"{side['fault']} at a critical start where it {side['order']}"
+                rows.append(_plain((1, side["rule"], text, "", side["rerun"] or side["line"])))
+        if rows:
+            yield Section(f"causes: {driver['name']}", (), _CAUSES, tuple(rows))
 
 
 def _applied(league: Mapping[str, Any], rule: str) -> bool:
     return any(outcome is not Outcome.NA for driver in league["drivers"] for outcome in _counts(driver, rule))
-
-
-def _reading(league: Mapping[str, Any]) -> Iterator[str]:
-    """Yield sentences that say how to read the tables of a page."""
-    yield (
-        "A cell of the verdicts has the worst outcome of a rule: FAIL (4) if all 4 runs to which the rule applied failed, "
-        "2/4 fail if 2 of 4 failed, pass (4) if all 4 passed. A cell is empty if the rule applied to no run of the driver."
-    )
-    if idle := [rule for rule in league["rules"] if not _applied(league, rule)]:
-        yield f"The table leaves out rules that applied to no run: {', '.join(idle)}."
-    yield (
-        "The untested gap is the longest stretch of arrival differences that no run tried. At a critical start a driver turns "
-        "from waiting to going. A driver there is too bold if it breaks a rule about other vehicles, too timid if it breaks "
-        "progress, wrong by itself if it breaks a rule about the vehicle alone, and irrational if it passes there and fails at a "
-        "less critical start."
-    )
 
 
 def _counts(driver: Mapping[str, Any], rule: str) -> Counter[Any]:
@@ -301,17 +294,6 @@ def _verdict_cell(driver: Mapping[str, Any], rule: str) -> tuple[str, str]:
     return f"{text} ({counts.total()})" if text and "/" not in text else text, _MARKS.get(mark, "")
 
 
-def _cause_rows(driver: Mapping[str, Any]) -> Iterator[tuple[tuple[str, str], ...]]:
-    for cause in driver["causes"]:
-        text = cause["text"] if cause["title"] == FAILURES else f"{cause['title']}: {cause['text']}"
-        *cells, command = _plain((cause["count"], ", ".join(cause["rules"]), text, cause["rerun"]))
-        yield *cells, (cause["look"], "look"), command
-    for side in driver["sides"]:
-        if side["fault"] or side["error"]:
-            text_of_side = side["error"] or f"{side['fault']} at a critical start where it {side['order']}"
-            yield _plain((1, side["rule"], text_of_side, "", side["rerun"] or side["line"]))
-
-
 def _plain(texts: Iterable[object]) -> tuple[tuple[str, str], ...]:
     return tuple((str(text), "") for text in texts)
 
@@ -321,6 +303,18 @@ def league_page(league: Mapping[str, Any], title: str) -> str:
     drawn = f"{plural(league['cells'], 'cell')} and {plural(league['lines'], 'line')} of starts for every driver"
     setup = f"{drawn}, at {', '.join(league['junctions'])}, among {' and '.join(league['config']['traffic'])} traffic"
     notes = tuple(f"{driver['name']}: {note}" for driver in league["drivers"] for note in driver["notes"])
-    read = Section("how to read the tables", tuple(_reading(league)))
+    reading = [
+        "A cell of the verdicts has the worst outcome of a rule: FAIL (4) if all 4 runs to which the rule applied failed, "
+        "2/4 fail if 2 of 4 failed, pass (4) if all 4 passed. A cell is empty if the rule applied to no run of the driver."
+    ]
+    if idle := [rule for rule in league["rules"] if not _applied(league, rule)]:
+        reading.append(f"The table leaves out rules that applied to no run: {', '.join(idle)}.")
+    reading.append(
+        "The untested gap is the longest stretch of arrival differences that no run tried. At a critical start a driver turns "
+        "from waiting to going. A driver there is too bold if it breaks a rule about other vehicles, too timid if it breaks "
+        "progress, wrong by itself if it breaks a rule about the vehicle alone, and irrational if it passes there and fails at a "
+        "less critical start."
+    )
+    read = Section("how to read the tables", tuple(reading))
     blocks: list[Block | Section] = [Notes(notes), Section("cells", (setup,)), read, *sections(league)]
     return rendered(title, blocks, {})

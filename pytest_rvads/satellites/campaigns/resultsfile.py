@@ -148,27 +148,26 @@ class Results:
         """Four columns with a row per result: number of the case, start of its hash, offset and length of its line [bytes]."""
         self._outcomes: set[Outcome] = set()
         try:
-            self.head = self._read_or_begin(head)
+            file_head = self._scan()
+            if file_head is None and head is not None:
+                line = b"\n" + encode(head)
+                self._file.seek(0)
+                # The file is empty, or the write of its head was interrupted.
+                if line.startswith(self._file.read(len(line)) + self._file.read(1)):
+                    self._file.truncate(0)
+                    self._append(encode(head))
+                    file_head = head
+            if file_head is None or (file_head.format, file_head.version) != (FORMAT, VERSION):
+                raise RvadsError(
+                    f"{self.path} holds no results of a campaign of version {VERSION}: name such a file, or a new file"
+                )
+            differs = "" if head is None else file_head.differs(head)
+            if differs:
+                raise RvadsError(f"{self.path} holds results of another campaign ({differs}): name another file, or remove it")
+            self.head = file_head
         except BaseException:
             self._file.close()
             raise
-
-    def _read_or_begin(self, head: Head | None) -> Head:
-        """Read the file and return its head; write `head` if the file is empty."""
-        file_head = self._scan()
-        if file_head is None and head is not None:
-            line = b"\n" + encode(head)
-            self._file.seek(0)
-            if line.startswith(self._file.read(len(line)) + self._file.read(1)):  # empty, or the write of a head was interrupted
-                self._file.truncate(0)
-                self._append(encode(head))
-                return head
-        if file_head is None or (file_head.format, file_head.version) != (FORMAT, VERSION):
-            raise RvadsError(f"{self.path} holds no results of a campaign of version {VERSION}: name such a file, or a new file")
-        differs = "" if head is None else file_head.differs(head)
-        if differs:
-            raise RvadsError(f"{self.path} holds results of another campaign ({differs}): name another file, or remove it")
-        return file_head
 
     def _scan(self) -> Head | None:
         """Index the lines with results, and return the last head; damaged lines, such as a line that was cut off, are ignored."""

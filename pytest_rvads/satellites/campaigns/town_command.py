@@ -6,9 +6,8 @@ import argparse
 import json
 import os
 import shlex
-from collections.abc import Iterator
 from concurrent.futures import Executor
-from contextlib import contextmanager
+from contextlib import nullcontext
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
@@ -83,7 +82,10 @@ def declare(commands: Subparsers) -> None:
 
 
 def _town(options: argparse.Namespace) -> int:
-    with _driver(options) as driver:
+    from pytest_rvads.drivers.naming import stand_in
+
+    named = not options.list or options.autopilot is not None or options.sut is not None
+    with opened_driver(options) if named else nullcontext(stand_in()) as driver:
         town, simulator = _asked(options, driver)
         if options.list and town.runs:
             for planned in town.plan:
@@ -102,18 +104,6 @@ def _town(options: argparse.Namespace) -> int:
         make_folder("-o", folder)
         with terminable(), opened_executor(options) as executor:
             return _judge_town(town, simulator, options, folder, executor)
-
-
-@contextmanager
-def _driver(options: argparse.Namespace) -> Iterator[Any]:
-    """Yield the driver under test; if the command only lists the runs and names no driver, yield a placeholder."""
-    from pytest_rvads.drivers.naming import stand_in
-
-    if options.list and options.autopilot is None and options.sut is None:
-        yield stand_in()
-    else:
-        with opened_driver(options) as driver:
-            yield driver
 
 
 def _asked(options: argparse.Namespace, driver: Any) -> tuple[Town, Simulator]:

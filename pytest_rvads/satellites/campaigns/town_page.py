@@ -87,7 +87,10 @@ def town_picture(road_map: RoadMap) -> TownPicture:
         points = simplified(edge.points * (1.0, -1.0), TOLERANCE)
         low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
         width = round(min(max(edge.width, _WIDTHS[0]), _WIDTHS[1]) * 2) / 2
-        groups.setdefault(width, []).append(_path(points))
+        tenths = np.rint(points * 10.0).astype(int)  # decimetres
+        (x, y), steps = tenths[0].tolist(), np.diff(tenths, axis=0)
+        path = f"M{_tenth(x)} {_tenth(y)}" + "".join(f"l{_tenth(dx)} {_tenth(dy)}" for dx, dy in steps.tolist() if dx or dy)
+        groups.setdefault(width, []).append(path)
     if not groups:
         low = high = np.zeros(2)
     (west, north), (wide, tall) = (low - _MARGIN).tolist(), (high - low + 2 * _MARGIN).tolist()
@@ -132,13 +135,6 @@ def simplified(points: NDArray[np.float64], tolerance: float) -> NDArray[np.floa
             keep[middle] = True
             parts += [(first, middle), (middle, last)]
     return points[keep]
-
-
-def _path(points: NDArray[np.float64]) -> str:
-    """Return a line as the attribute ``d`` of an SVG path, in steps between points that are rounded to decimetres."""
-    tenths = np.rint(points * 10.0).astype(int)
-    (x, y), steps = tenths[0].tolist(), np.diff(tenths, axis=0)
-    return f"M{_tenth(x)} {_tenth(y)}" + "".join(f"l{_tenth(dx)} {_tenth(dy)}" for dx, dy in steps.tolist() if dx or dy)
 
 
 def _tenth(number: int) -> str:

@@ -141,7 +141,10 @@ def _actor(run: Run, column: int, body: Body) -> Actor | None:
     axle = pose[begin:end].copy()
     axle[:, 0] -= body.back * np.cos(axle[:, 2])
     axle[:, 1] -= body.back * np.sin(axle[:, 2])
-    rows = _informative_states(axle)
+    # Of a time in which the vehicle stands, only the first and the last state are written.
+    same = (np.diff(axle, axis=0) == 0.0).all(axis=1)
+    idle = np.concatenate(([False], same[:-1] & same[1:], [False]))
+    rows = np.flatnonzero(~idle)
     times = np.round((begin + rows) * run.dt, 9)
     speed = 0.0 if run.speed is None else float(run.speed[begin, column])
     return Actor(
@@ -153,10 +156,3 @@ def _actor(run: Run, column: int, body: Body) -> Actor | None:
         appears=float(times[0]) if begin else None,
         leaves=float(times[-1]) if leaves else None,
     )
-
-
-def _informative_states(poses: np.ndarray[Any, np.dtype[np.float64]]) -> np.ndarray[Any, np.dtype[np.int64]]:
-    """Return the numbers of the states to write; of a time in which the vehicle stands, only first and last state are written."""
-    same = (np.diff(poses, axis=0) == 0.0).all(axis=1)
-    idle = np.concatenate(([False], same[:-1] & same[1:], [False]))
-    return np.flatnonzero(~idle)

@@ -8,7 +8,7 @@ package is installed with its extra ``rosbag``, and OSI can be read with the ext
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -87,10 +87,8 @@ class _FcdReader:
                     self.gather.refuse(name, row, column, f"{text!r:.60} is no number")
         numbers[3] = math.radians(90.0 - numbers[3])
         new = self.gather.add(name, row, (numbers[0], numbers[1], numbers[2], numbers[3], numbers[4]))
-        if new:
-            self._describe(name, kind, row, attributes)
-
-    def _describe(self, name: str, kind: Kind | str, row: int, attributes: dict[str, str]) -> None:
+        if not new:
+            return
         size = None
         if "length" in attributes and "width" in attributes:
             try:
@@ -154,14 +152,11 @@ class _CarlaReader:
             self._actors[number] = (2 * half[0], 2 * half[1]), kind_of(blueprint), centre[0] + half[0]
         elif kind == "traffic_light":
             self._ids[str(record.get("id"))] = typed(record.get("opendrive_id"), str, f"{where}, column opendrive_id", RunError)
-        elif kind == "tick":
-            self._tick(row, record, where)
-
-    def _tick(self, row: int, record: dict[str, Any], where: str) -> None:
+        if kind != "tick":
+            return
         time = typed(record.get("t"), float, f"{where}, column t", RunError)
-        for number, x, y, _, _, _, yaw, vx, vy, _ in typed(
-            record.get("actors"), list[_CarlaState], f"{where}, column actors", RunError
-        ):
+        states = typed(record.get("actors"), list[_CarlaState], f"{where}, column actors", RunError)
+        for number, x, y, _, _, _, yaw, vx, vy, _ in states:
             if number not in self._actors:
                 self.gather.refuse(str(number), row, "actors", f"actor {number} has no record before this row")
             heading = math.radians(-yaw)
@@ -190,10 +185,17 @@ def read_osi(path: Path, columns: Mapping[str, str] | None, *, strict: bool, wat
     """Return the moving objects except animals in the messages ``GroundTruth`` of OSI, also inside of ``SensorView``."""
     if columns:
         raise RunError(f"{path.name}: OSI has fixed fields, leave --columns out")
+    try:
+        import betterosi
+    except ImportError:
+        raise RunError(f"{path}: reading OSI needs an extra: install pytest-rvads[osi]") from None
+    if not path.is_file():
+        raise RunError(f"{path}: can't be read: it is no file")
     gather = Gather(path.name, _OSI_COLUMNS, strict=strict)
     row = 0
     try:
-        for row, truth in enumerate(_osi_truths(path), start=1):
+        # The library derives the type of a trace file from name or content.
+        for row, truth in enumerate(betterosi.read(str(path), return_ground_truth=True), start=1):
             if truth.timestamp is None:
                 raise RunError(f"{path}: row {row} has no timestamp, expected one in every ground truth")
             time = truth.timestamp.seconds + truth.timestamp.nanos * 1e-9
@@ -204,16 +206,6 @@ def read_osi(path: Path, columns: Mapping[str, str] | None, *, strict: bool, wat
     except Exception as error:  # an unknown library may raise any error
         raise RunError(f"{path}: row {row + 1} can't be read as OSI: {one_line(str(error) or type(error).__name__)}") from error
     return gather.log()
-
-
-def _osi_truths(path: Path) -> Iterator[Any]:
-    try:
-        import betterosi
-    except ImportError:
-        raise RunError(f"{path}: reading OSI needs an extra: install pytest-rvads[osi]") from None
-    if not path.is_file():
-        raise RunError(f"{path}: can't be read: it is no file")
-    yield from betterosi.read(str(path), return_ground_truth=True)  # derives the type of a trace file from name or content
 
 
 def _add_osi_object(gather: Gather, row: int, time: float, item: Any) -> None:
