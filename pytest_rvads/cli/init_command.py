@@ -57,7 +57,18 @@ def _init(options: argparse.Namespace) -> int:
         raise RvadsError("--junction names a junction of --map: name the file as well")
     folder = Path(options.folder)
     texts = {WORKFLOW: template("rules.yml")} if options.ci else _test_files(options, folder)
-    for path in _write_new(folder, texts):
+    paths = {folder / name: text for name, text in texts.items()}
+    for path in paths:
+        if os.path.lexists(path):
+            raise RvadsError(f"{path} exists and is not changed, nothing was written: move it away, or name another folder")
+    for path, text in paths.items():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            with path.open("x", encoding="utf-8") as out:  # mode x: a file that was made in the meantime is not changed either
+                out.write(text)
+        except OSError as error:  # an error of writing names no path
+            raise OSError(error.errno, error.strerror, str(path)) from error
+    for path in paths:
         say(f"wrote {path}")
     for line in _next(options):
         say(line)
@@ -80,22 +91,6 @@ def _test_files(options: argparse.Namespace, folder: Path) -> dict[str, str]:
         fault = "not at the stop sign" if Sign.STOP in signs else fault
         drives = Template(template("conftest.txt")).substitute(fault=fault)
     return {"conftest.py": drives, "test_rules.py": tests}
-
-
-def _write_new(folder: Path, texts: Mapping[str, str]) -> list[Path]:
-    """Write files, or no file if one of the files exists."""
-    paths = {folder / name: text for name, text in texts.items()}
-    for path in paths:
-        if os.path.lexists(path):
-            raise RvadsError(f"{path} exists and is not changed, nothing was written: move it away, or name another folder")
-    for path, text in paths.items():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            with path.open("x", encoding="utf-8") as out:  # mode x: a file that was made in the meantime is not changed either
-                out.write(text)
-        except OSError as error:  # an error of writing names no path
-            raise OSError(error.errno, error.strerror, str(path)) from error
-    return list(paths)
 
 
 def _next(options: argparse.Namespace) -> list[str]:

@@ -201,7 +201,15 @@ def _details(junction: dict[str, Any]) -> Iterator[str]:
     for arm, own in zip(junction["arms"], lanes, strict=True):
         names = f" ({_named([lane['entrance'] for lane in own], 'entrance')})" if named and own else ""
         limits = ["no limit" if limit == NO_LIMIT else f"limit {limit:.1f} m/s" for limit in arm["speed_limits"]]
-        words = f"{plural(len(own), 'lane')} in{names}", f"{arm['exits']} out", *_control(own), *limits
+        numbers_by_sign: dict[str, list[int]] = {}
+        for lane in own:
+            sign = "no sign" if lane["sign"] == "none" else lane["sign"]
+            sign = f"{sign}, no turn on red" if lane["no_turn_on_red"] else sign
+            numbers_by_sign.setdefault(sign, []).append(lane["entrance"])
+        signs = list(numbers_by_sign)
+        if len(signs) > 1:
+            signs = [f"{k} at {len(some)} of {len(own)} ({_named(some, 'entrance')})" for k, some in numbers_by_sign.items()]
+        words = f"{plural(len(own), 'lane')} in{names}", f"{arm['exits']} out", *signs, *limits
         arms.append(", ".join(words))
     alike = groupby(range(len(arms)), key=arms.__getitem__)
     yield "; ".join(f"{_named([*numbers])}: {arm}" for arm, numbers in alike)
@@ -232,16 +240,6 @@ def _crosswalk(crosswalk: dict[str, Any]) -> Iterator[str]:
         yield f"island of {crosswalk['island']:.1f} m"
     if crosswalk["green"]:
         yield f"walk with the green of {_named(crosswalk['green'])}"
-
-
-def _control(lanes: list[dict[str, Any]]) -> Iterator[str]:
-    """Yield the signs and lights of the entrances of an arm in words, with their numbers if they differ from lane to lane."""
-    numbers: dict[str, list[int]] = {}
-    for lane in lanes:
-        words = "no sign" if lane["sign"] == "none" else lane["sign"]
-        numbers.setdefault(f"{words}, no turn on red" if lane["no_turn_on_red"] else words, []).append(lane["entrance"])
-    for words, some in numbers.items():
-        yield words if len(numbers) == 1 else f"{words} at {len(some)} of {len(lanes)} ({_named(some, 'entrance')})"
 
 
 def _named(numbers: list[int], noun: str = "arm") -> str:

@@ -153,7 +153,13 @@ class Judge:
     def __call__(self, part: _Part) -> Batch:
         """Return the verdicts on the runs in a part of a file; for an unreadable file or run, return the error."""
         try:
-            runs = self._runs(part.file)
+            if self._last_read is not None and self._last_read[0] == part.file:
+                runs = self._last_read[1]
+            else:
+                self._last_read = None  # the runs of two files can be larger than memory
+                runs = read_runs(part.file)
+                if len(runs) > 1:
+                    self._last_read = part.file, runs
             total = len(runs)
         except Exception as error:
             return Batch(part.file, 0, error=sentence(error))
@@ -165,15 +171,6 @@ class Judge:
                 errors = (f"can't be judged: {sentence(error)}",)
                 answers.append(RunAnswer(part.file, f"run {number + 1}", 0.0, False, 0, errors=errors))
         return Batch(part.file, total, tuple(answers), last=part.end >= total)
-
-    def _runs(self, file: str) -> Sequence[Run]:
-        if self._last_read is None or self._last_read[0] != file:
-            self._last_read = None  # the runs of two files can be larger than memory
-            runs = read_runs(file)
-            if len(runs) < 2:
-                return runs
-            self._last_read = file, runs
-        return self._last_read[1]
 
     def _answer(self, file: str, number: int, run: Run) -> RunAnswer:
         reasons: dict[str, list[str]] = {}
@@ -200,6 +197,10 @@ class Judge:
         for record, (rule, verdict) in zip(by_rule(run_record), verdicts, strict=True):
             pages = self._pages(file, number, run, rule, verdict, verdicts)
             records.append(replace(record, look=pages[0], looks=pages[1:]) if pages else record)
+        errors = []
+        for reason, names in reasons.items():
+            by = "" if len(names) == len(verdicts) else f" by {', '.join(names)}"
+            errors.append(f"can't be judged{by}: {reason}")
         judged, ways = None if run.excerpt is None else run.excerpt.judged, undecided(run)
         return RunAnswer(
             file,
@@ -209,7 +210,7 @@ class Judge:
             sum(agent.kind is not Kind.PEDESTRIAN and (judged is None or agent.name in judged) for agent in run.agents),
             tuple(records),
             (*map(str, validate(run)), *([f"verdicts that depend on {ways} are UNSURE"] if ways else [])),
-            tuple(_unfit(reason, names, len(verdicts)) for reason, names in reasons.items()),
+            tuple(errors),
         )
 
     def _pages(
@@ -248,8 +249,3 @@ def run_files(names: Sequence[str], complain: Callable[[str], None]) -> list[str
         for file in files:
             by_path.setdefault(os.path.abspath(file), file)
     return list(by_path.values())
-
-
-def _unfit(reason: str, names: Sequence[str], rules: int) -> str:
-    by = "" if len(names) == rules else f" by {', '.join(names)}"
-    return f"can't be judged{by}: {reason}"

@@ -79,10 +79,15 @@ class Binary(messages.Format):
             way["end"],
             *content["vehicle"].values(),
         )
+        rows = []
+        for e in entrances:
+            # Without a setback of the sign, the setback of the stopping line is given twice.
+            posted = e["setback"] if e["sign_setback"] is None else e["sign_setback"]
+            rows.append((e["arm"], e["lane"], _SIGNS[e["sign"]], _phase(e), e["setback"], posted))
         body = b"".join(
             (
                 fixed,
-                _table(_ENTRANCE, map(_entrance, entrances)),
+                _table(_ENTRANCE, rows),
                 _table(_EXIT, ((e["arm"], e["lane"]) for e in exits)),
                 _relation(place["right_of"]),
                 _relation(place["opposite"]),
@@ -156,13 +161,6 @@ class Binary(messages.Format):
             *state[4:12],
             state.name.encode("utf-8", "replace")[: NAME - 1],
         )
-
-
-def _entrance(entrance: dict[str, Any]) -> tuple[Any, ...]:
-    """Return the numbers of an entrance for its struct; without a setback of the sign, that of the stopping line stands twice."""
-    back, posted = entrance["setback"], entrance["sign_setback"]
-    fixed = entrance["arm"], entrance["lane"], _SIGNS[entrance["sign"]]
-    return *fixed, _phase(entrance), back, back if posted is None else posted
 
 
 def _phase(place: dict[str, Any]) -> int:

@@ -255,21 +255,28 @@ def summary(driver: Mapping[str, Any]) -> str:
 def sections(league: Mapping[str, Any]) -> Iterator[Section]:
     """Yield the tables of a league, given its JSON object; the tables of causes of drivers without failures are left out."""
     rules = [rule for rule in league["rules"] if _applied(league, rule)]
-    verdicts = (((d["name"], ""), *(_verdict_cell(d, rule) for rule in rules)) for d in league["drivers"])
-    yield Section("verdicts", (), ("driver", *rules), tuple(verdicts))
-    figures = []
+    verdicts, figures = [], []
     for driver in league["drivers"]:
+        cells = [(driver["name"], "")]
+        for rule in rules:
+            counts = _counts(driver, rule)
+            del counts[Outcome.NA]
+            text, mark = cell(counts)
+            text = f"{text} ({counts.total()})" if text and "/" not in text else text
+            cells.append((text, _MARKS.get(mark, "")))
+        verdicts.append(tuple(cells))
         faults = Counter(side["fault"] for side in driver["sides"])
         met, hours, gap = f"{driver['met']} of {driver['pairs']}", f"{driver['hours']:.2f} h", f"{driver['gap']:g} s"
         started = sum(side["started"] for side in driver["sides"])
         figures.append(_plain((driver["name"], driver["runs"], hours, met, gap, started, *(faults[fault] for fault in _FAULTS))))
+    yield Section("verdicts", (), ("driver", *rules), tuple(verdicts))
     yield Section("figures", (), _FIGURES, tuple(figures))
     for driver in league["drivers"]:
         rows = []
         for cause in driver["causes"]:
             text = cause["text"] if cause["title"] == FAILURES else f"{cause['title']}: {cause['text']}"
-            *cells, command = _plain((cause["count"], ", ".join(cause["rules"]), text, cause["rerun"]))
-            rows.append((*cells, (cause["look"], "look"), command))
+            *plain, command = _plain((cause["count"], ", ".join(cause["rules"]), text, cause["rerun"]))
+            rows.append((*plain, (cause["look"], "look"), command))
         for side in driver["sides"]:
             if side["fault"] or side["error"]:
                 text = side["error"] or f"{side['fault']} at a critical start where it {side['order']}"
@@ -284,14 +291,6 @@ def _applied(league: Mapping[str, Any], rule: str) -> bool:
 
 def _counts(driver: Mapping[str, Any], rule: str) -> Counter[Any]:
     return Counter({Outcome(outcome): count for outcome, count in driver["verdicts"].get(rule, {}).items()})
-
-
-def _verdict_cell(driver: Mapping[str, Any], rule: str) -> tuple[str, str]:
-    """Return the worst outcome of a rule, and the number of runs to which the rule applied."""
-    counts = _counts(driver, rule)
-    del counts[Outcome.NA]
-    text, mark = cell(counts)
-    return f"{text} ({counts.total()})" if text and "/" not in text else text, _MARKS.get(mark, "")
 
 
 def _plain(texts: Iterable[object]) -> tuple[tuple[str, str], ...]:

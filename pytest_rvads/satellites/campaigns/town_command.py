@@ -92,7 +92,16 @@ def _town(options: argparse.Namespace) -> int:
                 say(planned.name)
             return 0
         folder = Path(options.output or ("rvads-town/only" if options.only else "rvads-town"))
-        _announce(town)
+        refused = [(name, reason) for reason, names in town.refused().items() for name in names]
+        warn(f"{plural(len(town.plan.places), 'junction')}, {plural(town.runs, 'run')}")
+        if refused:
+            warn(f"{plural(len(refused), 'junction')} refused, the first: {refused[0][0]}: {refused[0][1]}")
+        left_out = [scenarios.scenarios for place in town.plan.places if (scenarios := town.plan.left_out(place))]
+        if left_out:
+            number, places = plural(sum(left_out), "scenario"), plural(len(left_out), "junction")
+            warn(f"{number} at {places} left out: a vehicle has no room at its start")
+        for note in (*map(str, town.drawn()), *town.notes()):
+            warn(note)
         if not town.runs:
             if town.plan.only:
                 patterns, ids = ", ".join(map(repr, town.plan.only)), [run.name for run in replace(town.plan, only=())]
@@ -165,22 +174,6 @@ def _rerun_command(options: argparse.Namespace) -> str:
     words += ["--rules", *options.rules] if options.rules else []
     words += ["--grid", *options.grid] if options.grid else []
     return f"{shlex.join(words)} --only"
-
-
-def _announce(town: Town) -> None:
-    """Print the number of planned runs and the refused junctions on standard error."""
-    refused = [(name, reason) for reason, names in town.refused().items() for name in names]
-    warn(f"{plural(len(town.plan.places), 'junction')}, {plural(town.runs, 'run')}")
-    if refused:
-        warn(f"{plural(len(refused), 'junction')} refused, the first: {refused[0][0]}: {refused[0][1]}")
-    left_out = [left_out_scenarios.scenarios for place in town.plan.places if (left_out_scenarios := town.plan.left_out(place))]
-    if left_out:
-        scenarios, places = plural(sum(left_out), "scenario"), plural(len(left_out), "junction")
-        warn(f"{scenarios} at {places} left out: a vehicle has no room at its start")
-    for sample in town.drawn():
-        warn(str(sample))
-    for note in town.notes():
-        warn(note)
 
 
 def _judge_town(

@@ -116,7 +116,16 @@ def read_trajectories(path: Path, watch: Watch | None = None) -> TrajectoryFile:
         elif timing is None or bool(np.isnan(line.points()[:, 1]).any()):
             reasons[name] = "its trajectory has no times"
         else:
-            ways[name].append(_timed(line.points(), timing, trigger))
+            start = 0.0
+            if trigger is not None and timing.attributes.get("domainAbsoluteRelative") == "relative":
+                begins = trigger.first("SimulationTimeCondition")
+                if begins is None:
+                    raise trigger.refused("has no <SimulationTimeCondition>, expected the time at which the trajectory begins")
+                start = begins.number("value")
+            points = line.points()
+            # The times are counted from the beginning of the simulation.
+            points[:, 1] = start + timing.number("offset", 0.0) + timing.number("scale", 1.0) * points[:, 1]
+            ways[name].append(points)
     trajectories = {name: np.vstack(parts) for name, parts in ways.items() if parts and name not in reasons}
     all_reasons = {name: reasons.get(name, "it follows no trajectory") for name in ways if name not in trajectories}
     end = max((float(way[-1, 1]) for way in trajectories.values() if len(way)), default=0.0)
@@ -175,18 +184,6 @@ def _trajectory_actions(root: Node) -> Iterator[tuple[str, Node, Node | None]]:
             for action in event.walk("FollowTrajectoryAction"):
                 for name in actors:
                     yield name, action, event.first("StartTrigger")
-
-
-def _timed(points: NDArray[np.float64], timing: Node, trigger: Node | None) -> NDArray[np.float64]:
-    """Return the vertices of a trajectory with their times counted from the beginning of the simulation."""
-    start = 0.0
-    if trigger is not None and timing.attributes.get("domainAbsoluteRelative") == "relative":
-        begins = trigger.first("SimulationTimeCondition")
-        if begins is None:
-            raise trigger.refused("has no <SimulationTimeCondition>, expected the time at which the trajectory begins")
-        start = begins.number("value")
-    points[:, 1] = start + timing.number("offset", 0.0) + timing.number("scale", 1.0) * points[:, 1]
-    return points
 
 
 def lights_of(root: Node, end: float) -> dict[str, Changes]:

@@ -128,21 +128,16 @@ def format_of(path: Path, format: str | None) -> Format:
         raise RunError(
             f"{format!r:.60} is no format of tracks, known are {', '.join(known_formats)}{suggest(str(format), known_formats)}"
         )
-    name = format or _format_of_name(path, known_formats)
+    name = format or ("rosbag" if path.is_dir() else "")
+    if not name:
+        by_suffix = (known for known, entry in known_formats.items() if path.name.lower().endswith(entry.suffixes))
+        name = next(by_suffix, "")
+    if not name:
+        suffixes = ", ".join(suffix for entry in known_formats.values() for suffix in entry.suffixes)
+        raise RunError(
+            f"{path} has none of the suffixes of formats of tracks ({suffixes}): name the format by --format (format=), one of "
+            f"{', '.join(known_formats)}"
+        )
     if name == "csv" and path.is_file() and is_fcd_table(path):
         return known_formats["fcd"]
     return known_formats["commonroad" if format is None and name == "fcd" and is_commonroad(path) else name]
-
-
-def _format_of_name(path: Path, known_formats: Mapping[str, Format]) -> str:
-    if path.is_dir():
-        return "rosbag"
-    name = path.name.lower()
-    for format, candidate in known_formats.items():
-        if name.endswith(candidate.suffixes):
-            return format
-    suffixes = ", ".join(suffix for candidate in known_formats.values() for suffix in candidate.suffixes)
-    raise RunError(
-        f"{path} has none of the suffixes of formats of tracks ({suffixes}): name the format by --format (format=), one of "
-        f"{', '.join(known_formats)}"
-    )
