@@ -110,22 +110,19 @@ class Binary(messages.Format):
         others, lights = self.others(seen), self.lights(seen)
         if len(others) > OTHERS:
             raise StackError(f"there are {len(others)} other vehicles, {_ROOM.format(OTHERS)}")
-        beside = []
+        parts = [
+            _SEEN.pack(seen.time, step, len(others), len(lights), 0),
+            self._vehicle(seen.me),
+            _LIGHTS.pack(*lights, *[0] * (ENTRANCES - len(lights))),
+            *map(self._vehicle, others),
+        ]
         if self.pedestrians:
             (pedestrians, parked), walks = self.beside(seen), self.walks(seen)
             if len(pedestrians) > OTHERS:
                 raise StackError(f"there are {len(pedestrians)} pedestrians, {_ROOM.format(OTHERS)}")
-            beside.append(_BESIDE.pack(len(pedestrians), len(parked), *walks, *[0] * (ENTRANCES - len(walks))))
-            beside += [self._row(*one) for one in (*pedestrians, *parked)]
-        body = b"".join(
-            (
-                _SEEN.pack(seen.time, step, len(others), len(lights), 0),
-                self._vehicle(seen.me),
-                _LIGHTS.pack(*lights, *[0] * (ENTRANCES - len(lights))),
-                *map(self._vehicle, others),
-                *beside,
-            )
-        )
+            parts.append(_BESIDE.pack(len(pedestrians), len(parked), *walks, *[0] * (ENTRANCES - len(walks))))
+            parts += [self._row(*one) for one in (*pedestrians, *parked)]
+        body = b"".join(parts)
         return HEADER.pack(OBSERVE, len(body)) + body
 
     def command(self, body: bytes) -> tuple[Command, float | None, int]:
