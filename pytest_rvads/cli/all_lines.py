@@ -239,9 +239,7 @@ class Band(NamedTuple):
     last: float
     """Where the band ends [s]."""
     mark: Mark
-    """The mark that gives the band its colour."""
     faint: bool
-    """Whether the colour is faint."""
     label: str
     """Text inside the band, if there is room."""
     hint: str

@@ -231,25 +231,22 @@ class Teller:
             if kind is None:
                 self._output.close()
         finally:
-            self._report(whole=kind is None)
+            if self._reports:
+                from pytest_rvads.report.files import save
+                from pytest_rvads.support.installed import versions
 
-    def _report(self, *, whole: bool) -> None:
-        if not self._reports:
-            return
-        from pytest_rvads.report.files import save
-        from pytest_rvads.support.installed import versions
-
-        notes = () if whole else ("INCOMPLETE: rvads check did not come to its end, so runs are missing",)
-        report = Report(
-            self._records,
-            versions=versions(),
-            exitstatus=self._totals.status if whole else UNFINISHED,
-            notes=(*notes, *self._totals.troubles),
-            complete=whole,
-            again="",
-        )
-        for path in self._reports:
-            save(path, report)
+                whole = kind is None
+                notes = () if whole else ("INCOMPLETE: rvads check did not come to its end, so runs are missing",)
+                report = Report(
+                    self._records,
+                    versions=versions(),
+                    exitstatus=self._totals.status if whole else UNFINISHED,
+                    notes=(*notes, *self._totals.troubles),
+                    complete=whole,
+                    again="",
+                )
+                for path in self._reports:
+                    save(path, report)
 
     def tell(self, batch: Batch) -> None:
         """Print the verdicts on a part of a file."""

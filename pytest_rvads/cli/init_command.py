@@ -78,7 +78,18 @@ def _init(options: argparse.Namespace) -> int:
 def _test_files(options: argparse.Namespace, folder: Path) -> dict[str, str]:
     """Return the contents of the test files and of the driver's file, by names of files."""
     if options.recordings:
-        return {"test_rules.py": template("test_recordings.txt", {"recordings": _recordings(options.recordings, folder)})}
+        from pytest_rvads.runs.readers import READERS
+
+        name, path = options.recordings, Path(options.recordings)
+        is_pattern = any(sign in name for sign in "*?[")
+        if not is_pattern and not path.exists():
+            raise RunError(f"{name} does not exist: name a file of runs ({', '.join(READERS)}), a folder of them or a pattern")
+        if not is_pattern and path.is_file() and path.suffix.lower() not in READERS:
+            raise ScenarioError(
+                f"{name} holds no runs ({', '.join(READERS)}); of tracks they are made by "
+                f"rvads import {shlex.quote(name)} --map MAP.xodr --junction ID -o runs.npz"
+            )
+        return {"test_rules.py": template("test_recordings.txt", {"recordings": _seen_from(folder, name)})}
     place, tests = None, template("test_rules.txt")
     if options.map:
         place, at = _map_junction(options.map, options.junction)
@@ -152,22 +163,6 @@ def _map_junction(file: str, named_junction: str | None) -> tuple[Junction, dict
         "alone": tuple(label(code, place.lanes) for code in alone(place)),
         "first": "H" if place.control is JunctionControl.LIGHTS else "C",  # 20 m before the line
     }
-
-
-def _recordings(name: str, folder: Path) -> str:
-    """Return the path of recordings relative to the folder, after checking that recordings in a known format exist."""
-    from pytest_rvads.runs.readers import READERS
-
-    if not any(sign in name for sign in "*?["):
-        path = Path(name)
-        if not path.exists():
-            raise RunError(f"{name} does not exist: name a file of runs ({', '.join(READERS)}), a folder of them or a pattern")
-        if path.is_file() and path.suffix.lower() not in READERS:
-            raise ScenarioError(
-                f"{name} holds no runs ({', '.join(READERS)}); of tracks they are made by "
-                f"rvads import {shlex.quote(name)} --map MAP.xodr --junction ID -o runs.npz"
-            )
-    return _seen_from(folder, name)
 
 
 def _seen_from(folder: Path, name: str) -> str:

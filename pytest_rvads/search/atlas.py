@@ -78,7 +78,6 @@ class Atlas:
     groups: tuple[tuple[Strip, ...], ...]
     """Strips by group; the lines of a group are equal up to a rotation of the junction."""
     probes: int
-    """Number of random probes."""
     differing: tuple[Probe, ...]
 
     @property

@@ -54,11 +54,9 @@ class SearchResult(NamedTuple):
 
     counterexample: Counterexample | None
     rule: str
-    """Name of the rule."""
     triggered: bool
     """Whether the rule applied in any simulation in which a vehicle crossed the junction, see `crossed`."""
     simulations: int
-    """Number of simulations."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

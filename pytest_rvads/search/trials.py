@@ -32,7 +32,6 @@ _MANNERS = frozenset({"full_stop", "keep_lane", "on_lane_allowed", "on_route", "
 """Rules about the subject alone."""
 
 Outcomes = tuple[tuple[str, Outcome], ...]
-"""The outcome of every rule."""
 
 
 class Fault(StrEnum):

@@ -256,7 +256,6 @@ class Beside(NamedTuple):
 
     state: VehicleState
     crosswalk: int
-    """Number of the crosswalk."""
     side: int
     """0 for an agent that comes from the near side of the crosswalk, 1 for an agent from the far side."""
 

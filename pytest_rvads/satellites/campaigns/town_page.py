@@ -71,7 +71,6 @@ class Site:
     kind: str
     """Kind of the junction, such as ``4-way stop``."""
     planned: int = 0
-    """Number of planned runs."""
     refused: str = ""
     """The reason why no run is possible at the junction; empty if runs are possible."""
     notes: tuple[str, ...] = ()

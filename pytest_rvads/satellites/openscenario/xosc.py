@@ -61,7 +61,6 @@ class TrajectoryFile:
     where: str
     """Name of the file in messages."""
     entities: tuple[Entity, ...]
-    """Entities in the order of the file."""
     ways: Mapping[str, NDArray[np.float64]]
     """Vertices of the trajectory by name of the entity, each of shape ``(vertices, 5)``; `VERTEX` names the columns."""
     reasons: Mapping[str, str]
@@ -237,4 +236,3 @@ def no_trajectories(where: str) -> RunError:
 
 
 FORMAT = Format(read_xosc, (".xosc",), "rear_axle", with_map=True)
-"""OpenSCENARIO XML as a format of tracks."""

@@ -61,7 +61,6 @@ FORMATS: dict[str, Format] = {
     "osi": Format(read_osi, (".mcap", ".osi")),
     "rosbag": Format(read_rosbag, (".db3", ".bag"), "rear_axle"),
 }
-"""The formats of this package by name."""
 
 
 def formats() -> dict[str, Format]:
