@@ -272,10 +272,7 @@ class _Trial:
                 self.errors[scenario] = error
                 raise
             verdict = self.verdicts[scenario] = check(run, self.rule)
-            subject = scenario.under_test
-            pairs = (pair for pair in kpis(run).pairs if subject is None or subject in pair.agents)
-            times = (pair.pet for pair in pairs if pair.pet is not None and pair.pet < _FAR_APART)
-            self.apart[scenario] = min(times, default=_FAR_APART)
+            self.apart[scenario] = _apart(run, scenario.under_test)
             self.triggered = self.triggered or (verdict.status not in (Status.NA, Status.ERROR) and crossed(run))
             self.counts[scenario] = broken(run, verdict)
             if self.first is None and (self.counts[scenario] or verdict.status is Status.ERROR):
@@ -300,6 +297,12 @@ def score(verdict: Verdict, apart: float) -> float:
     if verdict.status is Status.NA:
         return -100.0 - 10.0 * (len(verdict.near.missing) if verdict.near else 10)
     return max(margins, default=-50.0) - _SHARE_OF_APART * apart
+
+
+def _apart(run: Run, subject: str | None) -> float:
+    """Return the shortest post-encroachment time of two vehicles, one of them the subject if any, at most `_FAR_APART` [s]."""
+    pairs = (pair for pair in kpis(run).pairs if subject is None or subject in pair.agents)
+    return min((pair.pet for pair in pairs if pair.pet is not None and pair.pet < _FAR_APART), default=_FAR_APART)
 
 
 def broken(run: Run, verdict: Verdict) -> bool:
