@@ -193,7 +193,9 @@ def test_reports_of_all_formats_hold_a_record_per_run_and_rule(folder: Path, tmp
     assert [note for note in report.notes if "d2.npz" in note]
     table = re.findall(r"^p1 +(\d+) +(\d+)$", printed, re.MULTILINE)
     assert table == [("2", "2")]
-    for path in paths:
+    for path in paths:  # CSV and JUnit files have a row or case per record and no totals
+        if path.suffix in (".csv", ".xml"):
+            continue
         assert "8 verdicts on 4 runs: 2 pass, 2 fail, 4 na" in path.read_text(encoding="utf-8").lower()
     assert main(["report", "compare", str(tmp_path / "out.json"), str(tmp_path / "out.json")]) == 0
     assert main(["check", str(folder), "-o", "out.txt"]) == 2

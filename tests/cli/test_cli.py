@@ -232,9 +232,9 @@ def test_automaton_of_a_rule_is_drawn_for_graphviz(tmp_path: Path, capsys: pytes
         '  1 -> 1 [label="true"];',
         "}",
     ]
-    assert main(["rules", "nested", "--rules", str(file)]) == 0
+    assert main(["rules", "nested", str(file)]) == 0
     assert "rule 'nested' has a quantifier inside" in capsys.readouterr().out
-    assert main(["rules", "nested", "--rules", str(file), "--dot"]) == 2
+    assert main(["rules", "nested", str(file), "--dot"]) == 2
 
 
 def test_classes_of_a_junction_by_name(capsys: pytest.CaptureFixture[str]) -> None:

@@ -36,7 +36,7 @@ def test_the_rest_of_many_reasons_is_counted() -> None:
     assert whole - short == 20 - 6
 
 
-@pytest.mark.parametrize("form", FORMATS)
+@pytest.mark.parametrize("form", [form for form in FORMATS if form not in (".csv", ".xml")])  # these have records alone
 def test_every_form_tells_it(form: str, tmp_path: Path) -> None:
     save(tmp_path / f"r{form}", REPORT)
     text = (tmp_path / f"r{form}").read_text(encoding="utf-8").replace("\\", "")
