@@ -335,7 +335,7 @@ def copied(folder: Path) -> None:
     """Copy the package, its tests and its tables."""
     ignore = shutil.ignore_patterns("__pycache__", ".*")
     shutil.copytree(Path(pytest_rvads.__file__).parent, folder / "pytest_rvads", ignore=ignore)
-    for name in ("tests", "docs", "clients"):
+    for name in ("tests", "tools", "docs", "clients"):
         shutil.copytree(ROOT / name, folder / name, ignore=ignore)
     for name in ("pyproject.toml", "CONTRIBUTING.md"):
         shutil.copy(ROOT / name, folder)
