@@ -1,4 +1,4 @@
-"""The simulator ``sumo``: runs of cases in which SUMO's models drive the vehicles with the driver `SumoDriver`.
+"""The simulator ``sumo``: runs of cases in which SUMO's models drive the vehicles with the driver ``sumo``.
 
 A vehicle with another driver is moved by the commands of that driver and by the vehicle dynamics of this package, because a
 verdict must be about the driver that was named. SUMO runs in another process, so that a crash or hang of SUMO ends a single run.
@@ -44,7 +44,7 @@ _LIBRARIES = ("libsumo", "eclipse-sumo")
 class Sumo:
     """SUMO's microscopic traffic simulation, in steps of 0.01 s.
 
-    SUMO's models move the vehicles with the driver `SumoDriver` along their lanes. Vehicles with other drivers are driven as in
+    SUMO's models move the vehicles with the driver ``sumo`` along their lanes. Vehicles with other drivers are driven as in
     every simulator and moved by the vehicle dynamics of this package. SUMO gets the positions of these vehicles in every step.
 
     Args:
@@ -77,7 +77,7 @@ class Sumo:
     def __call__(self, case: Case) -> Run:
         """Simulate a case, see `pytest_rvads.simulators.simulator.simulate`.
 
-        A case in which no vehicle has the driver `SumoDriver` is simulated by the default simulator, which the provenance of the
+        A case in which no vehicle has the driver ``sumo`` is simulated by the default simulator, which the provenance of the
         run names.
 
         Raises:
