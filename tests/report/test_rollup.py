@@ -386,7 +386,7 @@ def test_memory_grows_by_a_fraction_of_what_the_records_take(form: str, monkeypa
         finally:
             tracemalloc.stop()
 
-    peak(Stream(50))  # what is imported and cached on first use
+    peak(Stream(500))  # what is imported and cached on first use
     assert peak(Stream(500)) - peak(Stream(100)) < (size(500) - size(100)) / 2
 
 
