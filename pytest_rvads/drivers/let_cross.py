@@ -49,7 +49,7 @@ _GAIN = 4.0
 
 
 class _Side(NamedTuple):
-    """The own side of a crosswalk, as pedestrians meet it who walk in one direction."""
+    """The half of a crosswalk on which the vehicle drives, as pedestrians of one direction reach it."""
 
     half: Stretch
     """The own half of the roadway, as stations of the pedestrian [m]."""

@@ -12,7 +12,7 @@ shipped rule, for these reasons:
   the entrance within `rights.DUE`, 4 s, which is shorter than `NEAR_TIME`.
 - crosswalk, crosswalk_turning, crosswalk_waiting: a vehicle is asked while it is at most `rights.DUE` or a few metres before the
   crosswalk, and the pedestrian is on the crosswalk or in the last metre before it.
-- no_collision: bodies that touch are so close that they might touch.
+- no_collision: vehicles whose bodies can touch are together wherever they are.
 - p4, red, full_stop, keep_clear, crosswalk_clear, progress, keep_lane, on_lane_allowed, on_route and speed_limit are about a
   single vehicle. The vehicles that this vehicle waits for, or that follow this vehicle, are looked up on the run, not among
   instances.

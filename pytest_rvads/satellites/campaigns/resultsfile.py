@@ -70,7 +70,7 @@ class Head(msgspec.Struct, frozen=True, kw_only=True):
         return msgspec.structs.replace(self, drivers=drivers, cases=ended, results=results, unfit=unfit)
 
     def differs(self, other: Head) -> str:
-        """Return the names of the values in which two heads differ, as a text; a driver that only one head names is none."""
+        """Return the names of the values in which two heads differ; a driver that only one head names is no difference."""
         pairs = [(word, self.made.get(word), other.made.get(word)) for word in {**self.made, **other.made}]
         pairs += [(f"version of {name}", version, other.versions.get(name)) for name, version in self.versions.items()]
         pairs += [(f"code or values of {name}", key, other.drivers.get(name, key)) for name, key in self.drivers.items()]

@@ -18,7 +18,7 @@ from pytest_rvads.satellites.tracks.lightlog import changes_of, limit_lights
 from pytest_rvads.satellites.tracks.samples import Gather, Log, kind_of
 from pytest_rvads.satellites.tracks.source import Watch, opened
 from pytest_rvads.support.decoding import decode, typed
-from pytest_rvads.support.errors import RunError
+from pytest_rvads.support.errors import RunError, needs
 from pytest_rvads.support.storage import read_xml
 from pytest_rvads.support.wording import one_line
 
@@ -188,7 +188,7 @@ def read_osi(path: Path, columns: Mapping[str, str] | None, *, strict: bool, wat
     try:
         import betterosi
     except ImportError:
-        raise RunError(f"{path}: reading OSI needs an extra: install pytest-rvads[osi]") from None
+        raise RunError(needs(f"{path}: reading OSI", "betterosi", "osi")) from None
     if not path.is_file():
         raise RunError(f"{path}: can't be read: it is no file")
     gather = Gather(path.name, _OSI_COLUMNS, strict=strict)
@@ -253,7 +253,7 @@ def read_rosbag(path: Path, columns: Mapping[str, str] | None, *, strict: bool, 
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
-        raise RunError(f"{path}: reading bags needs an extra: install pytest-rvads[rosbag]") from None
+        raise RunError(needs(f"{path}: reading bags", "rosbags", "rosbag")) from None
     gather = Gather(path.name, _ROS_COLUMNS, strict=strict)
     row = 0
     try:

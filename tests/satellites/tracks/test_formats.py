@@ -180,7 +180,7 @@ def test_ros(tmp_path: Path) -> None:
 def test_missing_extra_is_named(tmp_path: Path, name: str, extra: str, monkeypatch: pytest.MonkeyPatch) -> None:
     for module in ("betterosi", "rosbags", "rosbags.highlevel"):
         monkeypatch.setitem(__import__("sys").modules, module, None)
-    with pytest.raises(RunError, match=rf"install pytest-rvads\[{extra}\]"):
+    with pytest.raises(RunError, match=rf"install 'pytest-rvads\[{extra}\]'"):
         read_tracks(tmp_path / name, STOP)
 
 
