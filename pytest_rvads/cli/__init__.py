@@ -41,8 +41,42 @@ _GROUPS = {
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the tool ``rvads`` with some arguments, by default those of the command line, and return the exit status."""
-    words = sys.argv[1:] if arguments is None else arguments
-    return answer(_parser(), words)
+    parser = argparse.ArgumentParser(
+        prog="rvads",
+        usage="rvads [--help] [--version] [--hand left|right] COMMAND ...",
+        description="Validate autonomous-driving controllers against traffic rules.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"rvads {__version__}")
+    parser.add_argument(
+        "--hand",
+        choices=("left", "right"),
+        help="side on which traffic keeps, for maps of lanelets that do not show the side (also the variable RVADS_HAND)",
+    )
+    commands = parser.add_subparsers(prog="rvads", required=True, metavar="COMMAND", help=argparse.SUPPRESS)
+    for module in (
+        init_command,
+        map_commands,
+        check_commands,
+        dynamics_command,
+        critical_command,
+        report_commands,
+        replay_command,
+        docs_command,
+    ):
+        module.declare(commands)
+    for name in entries("commands"):
+        load("commands", name).declare(commands)
+    helps = {action.dest: action.help or "" for action in commands._choices_actions}
+    width, lines = shutil.get_terminal_size().columns - 2, list[str]()
+    for title, names in _GROUPS.items():
+        lines.append(f"{title}:")
+        for name in names:
+            lines += wrap(helps[name], width, initial_indent=f"  {name:<10}", subsequent_indent=" " * 12)
+    others = sorted(helps.keys() - {name for names in _GROUPS.values() for name in names})
+    lines += wrap(f"further commands: {', '.join(others)} ({page('everything-else')})", width, subsequent_indent="  ")
+    parser.epilog = "\n".join([*lines, f"documentation: {page()}"])
+    return answer(parser, sys.argv[1:] if arguments is None else arguments)
 
 
 def answer(parser: argparse.ArgumentParser, words: Sequence[str] | None = None) -> int:
@@ -83,42 +117,3 @@ def answer(parser: argparse.ArgumentParser, words: Sequence[str] | None = None) 
     except SystemExit as error:  # commands return a status, so this is code of a user
         warn(f"rvads: code that the command called raised {located(error)}")
         return 2
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="rvads",
-        usage="rvads [--help] [--version] [--hand left|right] COMMAND ...",
-        description="Validate autonomous-driving controllers against traffic rules.",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("--version", action="version", version=f"rvads {__version__}")
-    parser.add_argument(
-        "--hand",
-        choices=("left", "right"),
-        help="side on which traffic keeps, for maps of lanelets that do not show the side (also the variable RVADS_HAND)",
-    )
-    commands = parser.add_subparsers(prog="rvads", required=True, metavar="COMMAND", help=argparse.SUPPRESS)
-    for module in (
-        init_command,
-        map_commands,
-        check_commands,
-        dynamics_command,
-        critical_command,
-        report_commands,
-        replay_command,
-        docs_command,
-    ):
-        module.declare(commands)
-    for name in entries("commands"):
-        load("commands", name).declare(commands)
-    helps = {action.dest: action.help or "" for action in commands._choices_actions}
-    width, lines = shutil.get_terminal_size().columns - 2, list[str]()
-    for title, names in _GROUPS.items():
-        lines.append(f"{title}:")
-        for name in names:
-            lines += wrap(helps[name], width, initial_indent=f"  {name:<10}", subsequent_indent=" " * 12)
-    others = sorted(helps.keys() - {name for names in _GROUPS.values() for name in names})
-    lines += wrap(f"further commands: {', '.join(others)} ({page('everything-else')})", width, subsequent_indent="  ")
-    parser.epilog = "\n".join([*lines, f"documentation: {page()}"])
-    return parser

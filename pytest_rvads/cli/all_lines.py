@@ -11,6 +11,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from itertools import groupby
+from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -49,7 +50,6 @@ Labels stand above the strips, and have room for the larger letters of narrow sc
 """
 _CHARACTER = 7.0
 """Width of a character, by which a text fits into its band or is left out [px]."""
-"""Maps seconds to pixels."""
 
 
 def search_all(options: argparse.Namespace, setting: Setting, executor: Executor | int | None) -> int:
@@ -168,6 +168,7 @@ def _page(certificates: Sequence[Mapping[str, Any]]) -> str:
     from pytest_rvads.report.outline import Head, Section
     from pytest_rvads.report.page import rendered
     from pytest_rvads.search.atlas import LONGEST
+    from pytest_rvads.search.starts import STEP
 
     first = certificates[0]
     head = (f"driven by {first['driver']}", f"simulated by {first['simulator']}")
@@ -176,42 +177,29 @@ def _page(certificates: Sequence[Mapping[str, Any]]) -> str:
     blocks: list[Block | Section] = [Head(head), Section("how to read the strips", read)]
     parts = []
     for certificate in certificates:
-        rows = [row for group in certificate["groups"] for row in _rows(group)]
+        rows, groups = [], certificate["groups"]
+        errors = [strip for group in groups for strip in group if strip["error"]]
+        failures = ["<li>" + markup(f"{strip['title']}: ERROR: {strip['error']}") for strip in errors]
+        for strips in (merged for group in groups for merged in _merged(group)):
+            strip, bands = strips[0], []
+            for (order, status, rule), alike in groupby(strip["pieces"], key=itemgetter("order", "status", "rule")):
+                pieces = list(alike)
+                begin, end = pieces[0]["from"], pieces[-1]["to"]
+                label = f"{rule} {status}" if rule else order
+                hint = f"{begin:+.2f} to {end:+.2f} s: the subject {order}" + (f", {label}" if rule else "")
+                bands.append(Band(begin - STEP / 2, end + STEP / 2, Outcome(status).mark, order == "waits", label, hint))
+                if rule:
+                    text = markup(f"{strip['title']}: {label} from {begin:+.2f} to {end:+.2f} s")
+                    failures.append(f"<li>{text}<code class=line>{markup(pieces[0]['rerun'])}</code>")
+            more = f", {len(strips) - 1} more equal" if len(strips) > 1 else ""
+            note = "no room where a vehicle starts" if strip["unfit"] else f"{strip['decided_by']}{more}"
+            rows.append(StripRow(strip["title"], f"ERROR{more}" if strip["error"] else note, bands, strip["simulated"]))
         summary = certificate["summary"].removeprefix(f"{certificate['junction']}: ")
         parts.append(f"<h2>{markup(certificate['junction'])}</h2><p>{markup(summary)}</p>")
-        strips = draw_strips(rows, -LONGEST, LONGEST, "lead of the subject")
-        parts.append(f"<div class=scroll>{strips}</div>")
-        errors = [strip for group in certificate["groups"] for strip in group if strip["error"]]
-        failures = ["<li>" + markup(f"{strip['title']}: ERROR: {strip['error']}") for strip in errors]
-        for strip in (merged[0] for group in certificate["groups"] for merged in _merged(group)):
-            for pieces in _alike(strip):
-                begin, end = pieces[0], pieces[-1]
-                if begin["rule"]:
-                    span = f"{begin['rule']} {begin['status']} from {begin['from']:+.2f} to {end['to']:+.2f} s"
-                    text = markup(f"{strip['title']}: {span}")
-                    failures.append(f"<li>{text}<code class=line>{markup(begin['rerun'])}</code>")
+        parts.append(f"<div class=scroll>{draw_strips(rows, -LONGEST, LONGEST, 'lead of the subject')}</div>")
         if failures:
             parts.append(f"<ul>{''.join(failures)}</ul>")
     return rendered("critical starts", blocks, None, ("pytest_rvads.report", "all_lines"), strips="".join(parts))
-
-
-def _rows(group: Sequence[Mapping[str, Any]]) -> Iterator[StripRow]:
-    """Yield a row of the page per list of `_merged` strips (all starts of two vehicles)."""
-    from pytest_rvads.search.starts import STEP
-
-    for strips in _merged(group):
-        strip = strips[0]
-        bands = []
-        for pieces in _alike(strip):
-            order, status, rule = pieces[0]["order"], pieces[0]["status"], pieces[0]["rule"]
-            first, last = pieces[0]["from"], pieces[-1]["to"]
-            label = f"{rule} {status}" if rule else order
-            hint = f"{first:+.2f} to {last:+.2f} s: the subject {order}" + (f", {label}" if rule else "")
-            bands.append(Band(first - STEP / 2, last + STEP / 2, Outcome(status).mark, order == "waits", label, hint))
-        more = f", {len(strips) - 1} more equal" if len(strips) > 1 else ""
-        note = "no room where a vehicle starts" if strip["unfit"] else f"{strip['decided_by']}{more}"
-        note = f"ERROR{more}" if strip["error"] else note
-        yield StripRow(strip["title"], note, bands, strip["simulated"])
 
 
 def _merged(group: Sequence[Mapping[str, Any]]) -> Iterator[Sequence[Mapping[str, Any]]]:
@@ -223,12 +211,6 @@ def _merged(group: Sequence[Mapping[str, Any]]) -> Iterator[Sequence[Mapping[str
         ]
         shown.setdefault((*pieces, bool(strip["unfit"]), bool(strip["error"])), []).append(strip)
     yield from shown.values()
-
-
-def _alike(strip: Mapping[str, Any]) -> Iterator[list[Mapping[str, Any]]]:
-    """Yield lists of neighbouring pieces of a strip with the same order of the vehicles and the same worst verdict."""
-    for _, pieces in groupby(strip["pieces"], key=lambda piece: (piece["order"], piece["status"], piece["rule"])):
-        yield list(pieces)
 
 
 class Band(NamedTuple):

@@ -103,11 +103,6 @@ def _critical(options: argparse.Namespace) -> int:
         print(json.dumps({"version": 1, "rules": names, "complete": not stopped, "lines": entries}))
     if stopped:
         raise stopped
-    return _status(entries)
-
-
-def _status(entries: Sequence[dict[str, Any]]) -> int:
-    """Return the exit status for the entries of a search, with a warning if no start could be simulated."""
     if not any(entry["critical_start"] or entry["error"] for entry in entries):
         warn("rvads: no start could be simulated: " + next((e["unfit"] for e in entries if e["unfit"]), "no vehicle has room"))
         return NOTHING_JUDGED

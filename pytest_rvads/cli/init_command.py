@@ -77,6 +77,9 @@ def _init(options: argparse.Namespace) -> int:
 
 def _test_files(options: argparse.Namespace, folder: Path) -> dict[str, str]:
     """Return the contents of the test files and of the driver's file, by names of files."""
+    from_folder = options.recordings or options.map or ""  # a relative path is made relative to the folder of the tests
+    if from_folder and not os.path.isabs(from_folder):
+        from_folder = Path(os.path.relpath(from_folder, folder)).as_posix()
     if options.recordings:
         from pytest_rvads.runs.readers import READERS
 
@@ -89,11 +92,11 @@ def _test_files(options: argparse.Namespace, folder: Path) -> dict[str, str]:
                 f"{name} holds no runs ({', '.join(READERS)}); of tracks they are made by "
                 f"rvads import {shlex.quote(name)} --map MAP.xodr --junction ID -o runs.npz"
             )
-        return {"test_rules.py": template("test_recordings.txt", {"recordings": _seen_from(folder, name)})}
+        return {"test_rules.py": template("test_recordings.txt", {"recordings": from_folder})}
     place, tests = None, template("test_rules.txt")
     if options.map:
         place, at = _map_junction(options.map, options.junction)
-        tests = template("test_map.txt", at | {"map": _seen_from(folder, options.map)})
+        tests = template("test_map.txt", at | {"map": from_folder})
     if options.sut:
         drives = template("stack.txt", {"command": _command_words(options.sut)})
     else:
@@ -163,8 +166,3 @@ def _map_junction(file: str, named_junction: str | None) -> tuple[Junction, dict
         "alone": tuple(label(code, place.lanes) for code in alone(place)),
         "first": "H" if place.control is JunctionControl.LIGHTS else "C",  # 20 m before the line
     }
-
-
-def _seen_from(folder: Path, name: str) -> str:
-    """Return a path, relative to the working directory, as a path relative to the folder of a test."""
-    return name if os.path.isabs(name) else Path(os.path.relpath(name, folder)).as_posix()

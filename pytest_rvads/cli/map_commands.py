@@ -142,6 +142,7 @@ def _outward(arm: int, ways: int) -> tuple[float, float]:
 
 
 def _map(options: argparse.Namespace) -> int:
+    from pytest_rvads.geometry.conflicts import JunctionKind
     from pytest_rvads.geometry.finder import find
     from pytest_rvads.geometry.network import Doubt, gathered
     from pytest_rvads.geometry.road_map import READERS, describe, read_map
@@ -158,17 +159,24 @@ def _map(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(description, indent=1))
         return 0
-    say(f"{os.path.basename(file)}: {plural(len(description['junctions']), 'junction')}")
-    say(f"  {_junction_summary(description['junctions'])}")
+    junctions = description["junctions"]
+    usable = [junction for junction in junctions if junction["usable"]]
+    summary = f"  {len(usable)} of {len(junctions)} usable"
+    if usable:
+        counts = Counter(junction["kind"] for junction in usable)
+        kinds = ", ".join(f"{counts[kind]} {kind}" for kind in JunctionKind if counts[kind])
+        summary += f": {kinds}; {_START.format(max(junction['usable_from'] for junction in usable))}"
+    say(f"{os.path.basename(file)}: {plural(len(junctions), 'junction')}")
+    say(summary)
     sides = {report.left_hand for report in road_map.junctions}
     doubtful = any(warning.kind is Doubt.SIDE for warning in road_map.warnings)
     if True in sides or doubtful:
         side = "left" if sides == {True} else "left at some junctions" if True in sides else "right"
         say(f"  traffic keeps {side}{', see the warning about the side' if doubtful else ''}")
-    crossed = [len(junction["crossings"]) for junction in description["junctions"] if junction["crossings"]]
+    crossed = [len(junction["crossings"]) for junction in junctions if junction["crossings"]]
     if crossed:
         say(f"  {plural(sum(crossed), 'crosswalk')} at {plural(len(crossed), 'junction')}")
-    for junction in sorted(description["junctions"], key=lambda junction: natural(junction["id"])):
+    for junction in sorted(junctions, key=lambda junction: natural(junction["id"])):
         state = f"not usable: {junction['reason']}"
         if junction["usable"]:
             state = f"{junction['kind']}; {_START.format(junction['usable_from'])}"
@@ -178,19 +186,6 @@ def _map(options: argparse.Namespace) -> int:
     for warning in description["warnings"]:
         warn(f"warning: {warning['message']}")
     return 0
-
-
-def _junction_summary(junctions: list[dict[str, Any]]) -> str:
-    """Return a line on the usable junctions of a map: their number, their kinds, and the length of their approaches."""
-    from pytest_rvads.geometry.conflicts import JunctionKind
-
-    usable = [junction for junction in junctions if junction["usable"]]
-    share = f"{len(usable)} of {len(junctions)} usable"
-    if not usable:
-        return share
-    counts = Counter(junction["kind"] for junction in usable)
-    kinds = ", ".join(f"{counts[kind]} {kind}" for kind in JunctionKind if counts[kind])
-    return f"{share}: {kinds}; {_START.format(max(junction['usable_from'] for junction in usable))}"
 
 
 def _details(junction: dict[str, Any]) -> Iterator[str]:
@@ -209,14 +204,13 @@ def _details(junction: dict[str, Any]) -> Iterator[str]:
         signs = list(numbers_by_sign)
         if len(signs) > 1:
             signs = [f"{k} at {len(some)} of {len(own)} ({_named(some, 'entrance')})" for k, some in numbers_by_sign.items()]
-        words = f"{plural(len(own), 'lane')} in{names}", f"{arm['exits']} out", *signs, *limits
-        arms.append(", ".join(words))
+        arms.append(", ".join((f"{plural(len(own), 'lane')} in{names}", f"{arm['exits']} out", *signs, *limits)))
     alike = groupby(range(len(arms)), key=arms.__getitem__)
     yield "; ".join(f"{_named([*numbers])}: {arm}" for arm, numbers in alike)
     ways = [movement["arm"] for movement in junction["movements"]]
     yielding = sorted({(ways[arm_number], ways[other_arm]) for arm_number, other_arm in junction["yields"]})
     parts = [
-        f"arm {arm_number} to {_arm_list([other_arm for _, other_arm in pairs])}"
+        f"arm {arm_number} to {', '.join(str(other_arm) for _, other_arm in pairs)}"
         for arm_number, pairs in groupby(yielding, key=itemgetter(0))
     ]
     undecided = sorted({tuple(sorted((ways[arm_number], ways[other_arm]))) for arm_number, other_arm in junction["undecided"]})
@@ -224,30 +218,22 @@ def _details(junction: dict[str, Any]) -> Iterator[str]:
     yield f"gives way: {'; '.join(parts) or 'nobody'}"
     crosswalks: dict[str, list[int]] = {}
     for crosswalk in junction["crossings"]:
-        crosswalks.setdefault(", ".join(_crosswalk(crosswalk)), []).append(crosswalk["arm"])
+        words = [f"{crosswalk['length']:.1f} m long"]
+        behind = crosswalk["behind_line"]
+        if behind is not None:
+            where = "at" if abs(behind) < _AT else f"{abs(behind):.1f} m {'behind' if behind > 0 else 'before'}"
+            words.append(f"{where} the stopping line")
+        if crosswalk["island"]:
+            words.append(f"island of {crosswalk['island']:.1f} m")
+        if crosswalk["green"]:
+            words.append(f"walk with the green of {_named(crosswalk['green'])}")
+        crosswalks.setdefault(", ".join(words), []).append(crosswalk["arm"])
     if crosswalks:
         yield f"crosswalks: {'; '.join(f'{_named(arms)}: {words}' for words, arms in crosswalks.items())}"
-
-
-def _crosswalk(crosswalk: dict[str, Any]) -> Iterator[str]:
-    """Yield the length of a crosswalk, its distance from the stopping line, its island and its lights, in words."""
-    yield f"{crosswalk['length']:.1f} m long"
-    behind = crosswalk["behind_line"]
-    if behind is not None:
-        where = "at" if abs(behind) < _AT else f"{abs(behind):.1f} m {'behind' if behind > 0 else 'before'}"
-        yield f"{where} the stopping line"
-    if crosswalk["island"]:
-        yield f"island of {crosswalk['island']:.1f} m"
-    if crosswalk["green"]:
-        yield f"walk with the green of {_named(crosswalk['green'])}"
 
 
 def _named(numbers: list[int], noun: str = "arm") -> str:
     *most, last = numbers
     if len(most) > 1 and last - most[0] == len(most):
         return f"{noun}s {most[0]} to {last}"
-    return f"{noun}s {_arm_list(most)} and {last}" if most else f"{noun} {last}"
-
-
-def _arm_list(arms: list[int]) -> str:
-    return ", ".join(map(str, arms))
+    return f"{noun}s {', '.join(map(str, most))} and {last}" if most else f"{noun} {last}"

@@ -20,7 +20,6 @@ from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.precedence import Reason
 from pytest_rvads.geometry.turns import turn_word
 from pytest_rvads.logic.judging.verdicts import Verdict
-from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.draw.scene import Scene, body, course, draw_ways, inks, label, picture, still
 from pytest_rvads.report.outline import Causes, Head, Notes, outline
 from pytest_rvads.report.session_report import Report
@@ -75,11 +74,16 @@ def html(value: object) -> str:
             case Verdict():
                 return _verdict(value)
             case list():
-                return _html_table(("rule", "verdict", "message"), [(v.rule, _status(v.outcome), v.message) for v in value])
+                rows = [(v.rule, f"{_MARKS[v.outcome.mark][0]} {v.outcome.value}", v.message) for v in value]
+                return _html_table(("rule", "verdict", "message"), rows)
             case Kpis():
                 return _kpis(value)
             case Report():
-                return _report(value)
+                blocks = outline(value)
+                lines = [line for block in blocks if isinstance(block, Notes | Head) for line in block.lines]
+                groups = [block for block in blocks if isinstance(block, Causes)]
+                causes = [(group.title, str(c.count), c.rule, c.line, group.first(c)) for group in groups for c in group.causes]
+                return _block(*map(_paragraph, lines), _html_table(("", "items", "rule", "cause", "first"), causes))
     except Exception as error:  # a value that a user built by hand can be invalid
         return _paragraph(f"<{type(value).__name__}> can't be drawn: {type(error).__name__}: {error}")
     return _paragraph(repr(value))
@@ -229,14 +233,10 @@ def telling(run: Run) -> tuple[int, str]:
     return (begin + end - 1) // 2, f"{inside.max()} in the junction"
 
 
-def _status(outcome: Outcome) -> str:
-    return f"{_MARKS[outcome.mark][0]} {outcome.value}"
-
-
 def _verdict(verdict: Verdict) -> str:
     outcome = verdict.outcome
-    colour = _MARKS[outcome.mark][1]
-    badge = f'<b style="background:{colour};color:#fff;padding:1px 7px;border-radius:4px">{_status(outcome)}</b> '
+    sign, colour = _MARKS[outcome.mark]
+    badge = f'<b style="background:{colour};color:#fff;padding:1px 7px;border-radius:4px">{sign} {outcome.value}</b> '
     head = ("about", "verdict", "since", "broken", "margin", "because")
 
     def clock(tick: int | None) -> str:
@@ -288,14 +288,6 @@ def _kpis(kpis: Kpis) -> str:
     )
 
 
-def _report(report: Report) -> str:
-    blocks = outline(report)
-    lines = [line for block in blocks if isinstance(block, Notes | Head) for line in block.lines]
-    groups = [block for block in blocks if isinstance(block, Causes)]
-    rows = [(group.title, str(c.count), c.rule, c.line, group.first(c)) for group in groups for c in group.causes]
-    return _block(*map(_paragraph, lines), _html_table(("", "items", "rule", "cause", "first"), rows))
-
-
 def _way(junction: Junction, agent: Agent) -> str:
     if agent.way.key not in junction.movements:
         return f"{agent.way.kind} of arm {junction.starts[agent.entrance].arm}"
@@ -322,18 +314,18 @@ def _image(draw: Callable[[], str], alt: str) -> str:
 
 def _html_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return an HTML table of texts without empty columns; an empty text without rows."""
+
+    def cell(tag: str, text: str) -> str:
+        # A short text is not broken into lines, because a narrow page can be scrolled.
+        wrap = ";white-space:nowrap" if len(text) <= _SHORT else ""
+        return f'<{tag} style="text-align:left;vertical-align:top;padding:2px 10px 2px 0{wrap}">{markup(text)}</{tag}>'
+
     if not rows:
         return ""
     shown = [k for k in range(len(head)) if any(row[k] for row in rows)]
-    titles = "".join(_html_cell("th", head[k]) for k in shown)
-    lines = ["".join(_html_cell("td", row[k]) for k in shown) for row in rows[:_ROWS]]
+    titles = "".join(cell("th", head[k]) for k in shown)
+    lines = ["".join(cell("td", row[k]) for k in shown) for row in rows[:_ROWS]]
     lower = "".join(f"<tr>{line}</tr>" for line in lines)
     more = _paragraph(f"and {len(rows) - _ROWS} more") if len(rows) > _ROWS else ""
     table = f'<table style="margin:4px 0"><thead><tr>{titles}</tr></thead><tbody>{lower}</tbody></table>'
     return f'<div style="overflow-x:auto">{table}</div>{more}'
-
-
-def _html_cell(tag: str, text: str) -> str:
-    """Return an HTML cell; a short text is not broken into lines, because a narrow page can be scrolled."""
-    wrap = ";white-space:nowrap" if len(text) <= _SHORT else ""
-    return f'<{tag} style="text-align:left;vertical-align:top;padding:2px 10px 2px 0{wrap}">{markup(text)}</{tag}>'

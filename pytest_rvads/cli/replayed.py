@@ -70,7 +70,19 @@ def failed_run(folder: Path, report: Report, record: Record, page: Path, earlier
     run, again = load_run(path), f"{report.again} {quoted(record.nodeid)}"
     if run.hash != record.hash:
         raise RunError(f"{path} holds another run than that of {record.nodeid}: run it again: {again}")
-    verdict, rule, doubt = _judged_again(run, record.verdicts[-1])
+    verdict, doubt = record.verdicts[-1], ""
+    rule: Rule | None = None
+    try:
+        rule = get_rule(verdict.rule)
+    except FormulaError:
+        doubt = f"{verdict.rule!r} is a rule of your own, so its monitors are not shown: name its file by --rules, if it has one"
+    else:
+        now = check(run, rule)
+        if now.status is verdict.status:
+            verdict = now
+        else:
+            rule, session = None, f"the session said {verdict.status} by {verdict.rule}"
+            doubt = f"{session}, and this version says {now.status}: the page shows the verdict of the session"
     scenario = run.provenance.get("scenario")
     start = record.recording if isinstance(record, RecordedItem) else record.run or ""
     if isinstance(scenario, Mapping):
@@ -111,17 +123,3 @@ def run_of_file(file: Path, rule_name: str | None) -> Replayed:
     notes = "\n".join((*([] if verdict is None else [verdict.explanation]), f"recorded  {file}", f"rerun     {again}"))
     others = summed(other_verdicts(run, usual_rules(run), rules[0].name if rules else ""))
     return Replayed(run, verdict, rules[0] if rules else None, notes, Beside(tuple(rows), others))
-
-
-def _judged_again(run: Run, recorded: Verdict) -> tuple[Verdict, Rule | None, str]:
-    """Return a failure's verdict, the rule whose monitors can be shown, and the reason if no monitors can be shown."""
-    try:
-        rule = get_rule(recorded.rule)
-    except FormulaError:
-        doubt = f"{recorded.rule!r} is a rule of your own, so its monitors are not shown: name its file by --rules, if it has one"
-        return recorded, None, doubt
-    verdict = check(run, rule)
-    if verdict.status is recorded.status:
-        return verdict, rule, ""
-    session, version = f"the session said {recorded.status} by {recorded.rule}", f"this version says {verdict.status}"
-    return recorded, None, f"{session}, and {version}: the page shows the verdict of the session"
