@@ -98,7 +98,13 @@ def _test_files(options: argparse.Namespace, folder: Path) -> dict[str, str]:
         place, at = _map_junction(options.map, options.junction)
         tests = template("test_map.txt", at | {"map": from_folder})
     if options.sut:
-        drives = template("stack.txt", {"command": _command_words(options.sut)})
+        try:
+            words = shlex.split(options.sut)
+        except ValueError as error:
+            raise RvadsError(f"--sut can't be read as a command: {error}, got {options.sut!r}") from error
+        if not words:
+            raise RvadsError(f"--sut is the command of your program, such as ./stack, got {options.sut!r}")
+        drives = template("stack.txt", {"command": words})
     else:
         signs = {Sign.STOP} if place is None else {entrance.sign for entrance in place.entrances}
         fault = "not at a red light" if Sign.LIGHTS in signs else "not for who comes and has to be let pass"
@@ -123,7 +129,7 @@ def _next(options: argparse.Namespace) -> list[str]:
         return [*steps, f"more: {page('bring-recorded-runs')}"]
     failures = "The line `look` of a failure names a page that replays the run; the command in the line `rerun` repeats the run."
     if options.sut:
-        folder, program = Path(options.folder), _command_words(options.sut)[0]
+        folder, program = Path(options.folder), shlex.split(options.sut)[0]
         # A Path would drop the ./ of a program.
         if not shutil.which(os.path.join(folder, program) if "/" in program else program):
             where = f"at {folder / program}" if "/" in program else "on the PATH"
@@ -131,16 +137,6 @@ def _next(options: argparse.Namespace) -> list[str]:
         return [*steps, failures, f"more: {page('attach-your-stack')}"]
     replacement = "Then put your controller in place of MyController in conftest.py."
     return [*steps, failures, replacement, f"more: {page('tutorial')}"]
-
-
-def _command_words(text: str) -> list[str]:
-    try:
-        words = shlex.split(text)
-    except ValueError as error:
-        raise RvadsError(f"--sut can't be read as a command: {error}, got {text!r}") from error
-    if not words:
-        raise RvadsError(f"--sut is the command of your program, such as ./stack, got {text!r}")
-    return words
 
 
 def _map_junction(file: str, named_junction: str | None) -> tuple[Junction, dict[str, object]]:

@@ -43,7 +43,7 @@ def plain(answer: Any) -> Command:
     """Return the command that an autopilot returned, with its numbers as floats, and throttle and brake clamped to 0..1."""
     match answer:
         case Control():
-            throttle, brake, steering = (_finite(value, name) for name, value in zip(Control._fields, answer, strict=True))
+            throttle, brake, steering = (_finite(value, name, "a ") for name, value in zip(Control._fields, answer, strict=True))
             for name, value in (("throttle", throttle), ("brake", brake)):
                 if not -TOLERANCE <= value <= 1.0 + TOLERANCE:
                     raise UnfitCommand(f"{name} {value:g}, expected 0..1")
@@ -51,11 +51,11 @@ def plain(answer: Any) -> Command:
                 raise UnfitCommand(f"steering {steering:g}, expected radians within -pi/2..pi/2 (was it in degrees?)")
             return Control(min(max(throttle, 0.0), 1.0), min(max(brake, 0.0), 1.0), steering)
         case TargetSpeed(speed):
-            return TargetSpeed(_within(speed, "target speed", 0.0, MAX_SPEED, "m/s"))
+            return TargetSpeed(_within(speed, "a target speed", 0.0, MAX_SPEED, "m/s"))
         case Acceleration(acceleration, steering):
             half = math.pi / 2
-            angle = None if steering is None else _within(steering, "steering", -half, half, "rad")
-            return Acceleration(_quantity(acceleration, "acceleration"), angle)
+            angle = None if steering is None else _within(steering, "a steering", -half, half, "rad")
+            return Acceleration(_quantity(acceleration, "an acceleration"), angle)
         case Trajectory(points):
             return Trajectory(tuple(_waypoints(points)))
     kinds = " or ".join(kind.__name__ for kind in get_args(Command))
@@ -73,7 +73,7 @@ def _waypoints(points: Any) -> Iterator[Waypoint]:
         if not (isinstance(point, tuple | list) and len(point) == 3):
             raise UnfitCommand(f"a trajectory whose point {number} is of type {type(point).__name__}, expected (time, x, y)")
         values = zip(Waypoint._fields, point, strict=True)
-        waypoint = Waypoint(*(_quantity(value, f"trajectory whose point {number} has {name}") for name, value in values))
+        waypoint = Waypoint(*(_quantity(value, f"a trajectory whose point {number} has {name}") for name, value in values))
         if waypoint.time <= before:
             raise UnfitCommand(f"a trajectory whose point {number} comes at {waypoint.time:g} s, not after the one before it")
         before = waypoint.time
@@ -85,30 +85,26 @@ def _waypoints(points: Any) -> Iterator[Waypoint]:
 def _within(value: Any, name: str, least: float, most: float, unit: str) -> float:
     number = _quantity(value, name)
     if not least <= number <= most:
-        raise UnfitCommand(f"{_article(name)} {name} {number:g} {unit}, expected {least:g} to {most:g}")
+        raise UnfitCommand(f"{name} {number:g} {unit}, expected {least:g} to {most:g}")
     return number
 
 
 def _quantity(value: Any, name: str) -> float:
     if isinstance(value, bool):
-        raise UnfitCommand(f"{_article(name)} {name} of type bool, expected a number")
-    return _finite(value, name, f"{_article(name)} ")
+        raise UnfitCommand(f"{name} of type bool, expected a number")
+    return _finite(value, name)
 
 
 def _finite(value: Any, name: str, article: str = "") -> float:
     if not isinstance(value, Real):
-        raise UnfitCommand(f"{article or 'a '}{name} of type {type(value).__name__}, expected a number")
+        raise UnfitCommand(f"{article}{name} of type {type(value).__name__}, expected a number")
     try:
         number = float(value)
     except OverflowError:
         number = math.inf
     if not math.isfinite(number):
-        raise UnfitCommand(f"{article}{name} {number}, expected a finite number")
+        raise UnfitCommand(f"{name} {number}, expected a finite number")
     return number
-
-
-def _article(name: str) -> str:
-    return "an" if name[0] in "aeiou" else "a"
 
 
 class Tracker:

@@ -231,7 +231,10 @@ class GiveWay:
         if self._released and me.speed > MOVING:
             return True
         moving = [other for _, other in not_queued(seen) if other.speed > MOVING and other.zone <= JUNCTION]
-        if not self._at_line(me) or me.speed > MOVING or any(self._concerns(seen, other, waits_for) for other in moving):
+        meets = any(o.station - o.length < meeting.shared.yours.end for o in moving for meeting in self._meetings.of(o))
+        ways, moving_ways = ({(o.entrance, o.turn) for o in vehicles} for vehicles in (waits_for, moving))
+        meets = meets or any(may_meet(seen.junction, way, moving_way) for way in ways for moving_way in moving_ways)
+        if meets or not self._at_line(me) or me.speed > MOVING:
             self._quiet_since = None
             return False
         if self._quiet_since is None:
@@ -253,13 +256,6 @@ class GiveWay:
         return unlit and any(
             arrived(vehicle) and may_yield(junction, way, (vehicle.entrance, vehicle.turn)) for vehicle in seen.everybody()
         )
-
-    def _concerns(self, seen: Observation, moving: VehicleState, waits_for: list[VehicleState]) -> bool:
-        """Return whether the movement of `moving` can meet the own movement, or a movement of the vehicles `waits_for`."""
-        if any(moving.station - moving.length < meeting.shared.yours.end for meeting in self._meetings.of(moving)):
-            return True
-        way = moving.entrance, moving.turn
-        return any(may_meet(seen.junction, (other.entrance, other.turn), way) for other in waits_for)
 
 
 def clear_of_meetings(seen: Observation, meetings: Meetings) -> float:

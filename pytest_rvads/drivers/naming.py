@@ -81,7 +81,7 @@ def at(name: str, folder: Path | None = None) -> Any:
 
 def name_of(driver: Any) -> str:
     """Return the name of a driver or of its factory for records: the ``label``, or the name of the class or function."""
-    label, own = _names(driver)
+    label, own, _ = _names(driver)
     return label or own
 
 
@@ -92,17 +92,17 @@ def labelled(driver: Any) -> bool:
 
 def called(driver: Any) -> str:
     """Return the name of a driver with the module of its class or function."""
-    label, own = _names(driver)
+    label, own, module = _names(driver)
     if driver is stand_in():
         return f"{own} (nobody said what drives)"
-    module = "" if label else _text(_inner(driver), "__module__")
-    return ".".join(filter(None, (module, label or own)))
+    return label or ".".join(filter(None, (module, own)))
 
 
-def _names(driver: Any) -> tuple[str, str]:
-    inner = _inner(driver)
+def _names(driver: Any) -> tuple[str, str, str]:
+    """Return the label of a driver or of its factory, the name of the class or function, and the name of its module."""
+    inner = driver.func if isinstance(driver, partial) else driver
     own = _text(inner, "__qualname__") or _text(type(inner), "__qualname__")
-    return _text(driver, "label") or _text(inner, "label"), own
+    return _text(driver, "label") or _text(inner, "label"), own, _text(inner, "__module__")
 
 
 def _text(driver: Any, name: str) -> str:
@@ -114,7 +114,3 @@ def _text(driver: Any, name: str) -> str:
         raise
     except BaseException:  # an attribute that can't be read counts as missing
         return ""
-
-
-def _inner(driver: Any) -> Any:
-    return driver.func if isinstance(driver, partial) else driver

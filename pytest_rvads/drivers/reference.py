@@ -100,16 +100,8 @@ class Reference(Follower):
 
     def control(self, seen: Observation) -> Control:
         """Return throttle, brake and steering for the next step."""
-        traffic = seen.on_movements()
-        acceleration = self._among_vehicles(traffic, self.towards(seen, self.target_speed(seen)))
-        if traffic is not seen and acceleration > -math.inf:
-            if self._at_crosswalks is None:
-                self._at_crosswalks = AtCrosswalks(seen, self.track(seen))
-            acceleration = min(acceleration, self._at_crosswalks.acceleration(seen, traffic))
-        return self.drive(seen, acceleration)
-
-    def _among_vehicles(self, seen: Observation, acceleration: float) -> float:
-        """Return `acceleration` [m/s^2], or the lower acceleration that the line or another vehicle requires."""
+        everybody, seen = seen, seen.on_movements()
+        acceleration = self.towards(everybody, self.target_speed(everybody))
         zone = seen.me.zone
         stops = False
         leader = ahead_in_lane(seen)
@@ -141,7 +133,11 @@ class Reference(Follower):
             if zone is JUNCTION:
                 crossing = clear_of_crossing(seen) if self._meetings is None else clear_of_meetings(seen, self._meetings)
                 acceleration = min(acceleration, crossing)
-        return acceleration
+        if everybody is not seen and acceleration > -math.inf:
+            if self._at_crosswalks is None:
+                self._at_crosswalks = AtCrosswalks(everybody, self.track(everybody))
+            acceleration = min(acceleration, self._at_crosswalks.acceleration(everybody, seen))
+        return self.drive(everybody, acceleration)
 
 
 def by_zones(junction: Junction) -> bool:

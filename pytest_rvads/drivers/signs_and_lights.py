@@ -236,12 +236,14 @@ class Light:
         if self._owed or not all(_leaves_time(seen, other) for other in prior):
             return False
         for k, other in enumerate(seen.others):
-            if other.zone is JUNCTION:
+            if other.zone is JUNCTION or (seen.lights[other.entrance] is _RED and runs_through(seen, other)):
                 if conflicts(seen, other):
                     return False
-            else:
-                runs_red = seen.lights[other.entrance] is _RED and runs_through(seen, other)
-                if _comes_first(seen, other, k < seen.created) or (runs_red and conflicts(seen, other)):
+            elif other.turn is me.turn and (me.entrance, other.entrance) in seen.junction.opposite and other.zone <= ENTRANCE:
+                # Of two oncoming left turns whose paths intersect, the vehicle that is nearer to the junction goes first, or the
+                # vehicle that was created first. Both drivers see the same states, so only one of them waits.
+                nearer = other.station > me.station or (other.station == me.station and k < seen.created)
+                if nearer and conflicts(seen, other) and not _leaves_time(seen, other):
                     return False
         return not exit_blocked(seen)
 
@@ -317,19 +319,3 @@ def _leaves_time(seen: Observation, other: VehicleState) -> bool:
         if time_to(shared.yours.start - other.station, other.speed, EAGER, seen.limit_of(other)) < leave + MARGIN:
             return False
     return True
-
-
-def _comes_first(seen: Observation, other: VehicleState, earlier: bool) -> bool:
-    """Return whether the own vehicle has to wait for `other`, an oncoming vehicle with the same turn in the way.
-
-    The vehicle that is nearer to the junction goes first, for example of two oncoming left turns whose paths intersect. If both
-    are equally near, the vehicle that was created first goes first. Both drivers see the same states, so only one of them waits.
-    """
-    me = seen.me
-    if other.turn is not me.turn or (me.entrance, other.entrance) not in seen.junction.opposite:
-        return False
-    if other.zone is not APPROACH and other.zone is not ENTRANCE:
-        return False
-    if other.station < me.station or (other.station == me.station and not earlier):
-        return False
-    return bool(conflicts(seen, other)) and not _leaves_time(seen, other)

@@ -82,14 +82,10 @@ class Behaviour(NamedTuple):
         walk = self.make()
 
         def obey(sight: Sight) -> float:
-            return 0.0 if self.obeys(sight.light) and _at_kerb(sight) else walk(sight)
+            at_kerb = -KERB <= sight.station <= 0.0
+            return 0.0 if at_kerb and self.obeys(sight.light) else walk(sight)
 
         return obey
-
-
-def _at_kerb(sight: Sight) -> bool:
-    """Return whether the pedestrian stands, or is about to arrive, at the kerb from which the crossing starts."""
-    return -KERB <= sight.station <= 0.0
 
 
 def _steady() -> Pace:
@@ -104,7 +100,7 @@ def _yields(sight: Sight) -> float:
     """Walk to the kerb, and go when every vehicle that comes is slow, or leaves time for the whole crossing."""
     needed = (sight.length - sight.station) / WALKING + _SPARE
     threat = any(v.speed >= _YIELDING and v.distance < v.speed * needed for v in sight.vehicles)
-    return 0.0 if threat and _at_kerb(sight) else WALKING
+    return 0.0 if threat and -KERB <= sight.station <= 0.0 else WALKING
 
 
 def _stops() -> Pace:

@@ -70,12 +70,6 @@ def axle_path(itinerary: Itinerary, vehicle: Vehicle, lane_width: float, start: 
     return AxlePath(path, tuple(headings.tolist()), tuple(bends.tolist()), _pace(planned, vehicle), poses)
 
 
-def approach_pace(line: Segment, start: float, vehicle: Vehicle, lane_width: float) -> Pace:
-    """Return how fast a vehicle can drive the planned path of its rear axle on an approach, which ends at station 0 [m]."""
-    planned = plan(Course(line, line.length, 0.0, start, lane_width, 0.0), vehicle.body)
-    return _pace(planned, vehicle) if planned else ()
-
-
 def _pace(planned: Plan, vehicle: Vehicle) -> Pace:
     change = np.abs(np.diff(planned.bend, append=0.0)) / STEP
     turning = QUICK * vehicle.steering_rate / (vehicle.wheelbase * np.maximum(change, 1e-3))
@@ -162,7 +156,8 @@ def fastest(line: Segment, first: float, last: float, vehicle: Vehicle, lane_wid
     trail = math.ceil(axle)
     poses = [line.pose(first + k) for k in range(-trail - 3, math.ceil(line.length - first) + 4)]
     speeds = [*enumerate(_bends(poses, axle)[trail:])]
-    for station, speed in approach_pace(line, first - line.length, vehicle, lane_width):
+    planned = plan(Course(line, line.length, 0.0, first - line.length, lane_width, 0.0), vehicle.body)
+    for station, speed in _pace(planned, vehicle) if planned else ():
         speeds.append((max(int(station + axle + line.length - first), 0), speed))
     return min(math.sqrt(speed**2 + 2.0 * EASE * max(first + k - last, 0.0)) for k, speed in speeds)
 

@@ -118,34 +118,28 @@ def _strips(setting: Setting, group: Sequence[Line]) -> tuple[Strip, ...]:
     for line in group:
         trial = Trial(setting, line, LONGEST)
         guesses = known or range(trial.low, trial.high, _GRID)
+        leads = sorted({trial.low, trial.high, *(lead for lead in guesses if trial.low <= lead <= trial.high)})
         try:
-            strip = _strip(trial, sorted({trial.low, trial.high, *(lead for lead in guesses if trial.low <= lead <= trial.high)}))
+            for lead in leads:
+                trial.start(lead)
+            for low, high in pairwise(leads):
+                _refine(trial, low, high)
         except ScenarioError as error:
             strips.append(Strip(line, (), (), unfit=str(error)))
             continue
         except RunError as error:
             strips.append(Strip(line, (), tuple(start.lead for start in trial.tried()), error=str(error)))
             continue
+        pieces: list[Piece] = []
+        for start in trial.tried():
+            if pieces and _verdicts(start) == _verdicts(pieces[-1].start):
+                pieces[-1] = Piece(pieces[-1].first, start.lead, pieces[-1].start)
+            else:
+                pieces.append(Piece(start.lead, start.lead, start))
         if known is None:
-            known = sorted({lead for p in strip.pieces for lead in (p.first, (p.first + p.last) // 2, p.last)})
-        strips.append(strip)
+            known = sorted({lead for p in pieces for lead in (p.first, (p.first + p.last) // 2, p.last)})
+        strips.append(Strip(line, tuple(pieces), tuple(start.lead for start in trial.tried())))
     return tuple(strips)
-
-
-def _strip(trial: Trial, leads: Sequence[int]) -> Strip:
-    """Return a line of starts cut into pieces of equal verdicts, after simulating the starts with the given leads."""
-    for lead in leads:
-        trial.start(lead)
-    for low, high in pairwise(leads):
-        _refine(trial, low, high)
-    tried = trial.tried()
-    pieces = [Piece(tried[0].lead, tried[0].lead, tried[0])]
-    for start in tried[1:]:
-        if _verdicts(start) == _verdicts(pieces[-1].start):
-            pieces[-1] = Piece(pieces[-1].first, start.lead, pieces[-1].start)
-        else:
-            pieces.append(Piece(start.lead, start.lead, start))
-    return Strip(trial.line, tuple(pieces), tuple(start.lead for start in tried))
 
 
 def _refine(trial: Trial, low: int, high: int) -> None:

@@ -199,7 +199,12 @@ def _side(trial: Trial, order: Order, turn: int, farther: Sequence[int]) -> Crit
     shrunk: tuple[Start, ...] = ()
     if number:
         tried = trial.tried()
-        failed = trial.start(_first_failing(trial, side[number - 1].lead, failed.lead, rule))
+        begin = side[number - 1].lead
+
+        def fails(more: int) -> bool:
+            return rule in dict(trial.start(begin + sign * more).failed())
+
+        failed = trial.start(begin + sign * bisected(fails, 0, abs(failed.lead - begin)))
         shrunk = tuple(start for start in trial.tried() if start not in tried)
         passed = trial.start(failed.lead - sign)
         if fault is not Fault.MANNERS and dict(passed.outcomes)[rule] in (Outcome.PASS, Outcome.NA):
@@ -209,16 +214,6 @@ def _side(trial: Trial, order: Order, turn: int, farther: Sequence[int]) -> Crit
             return CriticalStart(trial.line, order, critical, side, failed, rule, Fault.IRRATIONAL, table, shrunk=shrunk)
     explanation = _again(trial, failed, rule)[1].explanation
     return CriticalStart(trial.line, order, critical, side, failed, rule, fault, explanation, shrunk=shrunk)
-
-
-def _first_failing(trial: Trial, passed: int, failed: int, rule: str) -> int:
-    """Return the lead of a start between two starts that fails by a rule and whose more critical neighbour passes [steps]."""
-    sign = 1 if failed > passed else -1
-
-    def fails(more: int) -> bool:
-        return rule in dict(trial.start(passed + sign * more).failed())
-
-    return passed + sign * bisected(fails, 0, abs(failed - passed))
 
 
 def _again(trial: Trial, start: Start, rule: str) -> tuple[Run, Verdict]:

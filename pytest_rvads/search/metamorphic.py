@@ -268,23 +268,16 @@ def determinate(
     for rule in checked_rules:
         if before[rule.name].status is not after[rule.name].status:
             raise _violation(run, before[rule.name], continuation, after[rule.name], what)
-    first, second = _entries(run, 0.0), _entries(continuation, at)
-    shifted = [k for k in range(len(run.agents)) if abs(first[k].time - second[k].time) > tolerance]
-    if shifted or [e.agent for e in sorted(first)] != [e.agent for e in sorted(second)]:
+    entries = []
+    for one, since in ((run, 0.0), (continuation, at)):
+        times = [one.entry(k) for k in range(len(one.agents))]
+        never = one.duration + since + 1.0
+        entries.append([(never if t is None else round(t + since, 9), a.name) for t, a in zip(times, one.agents, strict=True)])
+    first, second = entries
+    shifted = any(abs(time - other) > tolerance for (time, _), (other, _) in zip(first, second, strict=True))
+    if shifted or [name for _, name in sorted(first)] != [name for _, name in sorted(second)]:
         rule = checked_rules[0]
         raise _violation(run, before[rule.name], continuation, after[rule.name], what, "who enters when")
-
-
-@dataclass(frozen=True, slots=True, order=True)
-class _Entry:
-    time: float
-    agent: str
-
-
-def _entries(run: Run, since: float) -> list[_Entry]:
-    times = [run.entry(k) for k in range(len(run.agents))]
-    never = run.duration + since + 1.0
-    return [_Entry(never if t is None else round(t + since, 9), a.name) for t, a in zip(times, run.agents, strict=True)]
 
 
 def _restarted_case(case: Case, run: Run, at: float) -> Case:

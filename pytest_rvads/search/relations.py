@@ -23,7 +23,6 @@ from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.states import Agent
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.orbits import Orbits, rotate
-from pytest_rvads.scenarios.pedestrians import Pedestrian
 from pytest_rvads.scenarios.signal_cycle import first_green
 from pytest_rvads.scenarios.walks import turns
 from pytest_rvads.search.remap import broken_by, mirrored, moved, rotations_of
@@ -50,7 +49,8 @@ class Variant:
 
     def concerns(self, rule: Rule) -> bool:
         """Return whether a rule requires the same of the vehicles in the variant and in the original scenario."""
-        return not (self.sided and names_sides(rule))
+        words = (term for atom in f.atoms(rule.formula) for term in atom.terms)
+        return not (self.sided and any(isinstance(word, f.Value) and word.name in ("left", "right") for word in words))
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,12 +62,6 @@ class Incomparable:
 
 
 Relation = Callable[[Case], Iterator[Variant | Incomparable]]
-
-
-def names_sides(rule: Rule) -> bool:
-    """Return whether a rule mentions turns to the left or right."""
-    words = (term for atom in f.atoms(rule.formula) for term in atom.terms)
-    return any(isinstance(word, f.Value) and word.name in ("left", "right") for word in words)
 
 
 def rotation(case: Case) -> Iterator[Variant | Incomparable]:
@@ -85,8 +79,7 @@ def rotation(case: Case) -> Iterator[Variant | Incomparable]:
             yield Incomparable(what, f"{junction.name} has other crosswalks there")
         else:
             image, row = rotate(_identity_image(case), -match.rows), (scenario.rotation + match.rows) % len(junction.entrances)
-            pedestrians = _pedestrians_at(case, crosswalks.get(match.rows, ()))
-            yield _walked_alike(case, Variant(what, _changed_case(case, image, rotation=row, pedestrians=pedestrians), image))
+            yield _variant(what, case, image, crosswalks.get(match.rows, ()), rotation=row)
 
 
 def _lights_follow(junction: Junction, rotation: int, rows: int) -> bool:
@@ -174,33 +167,27 @@ def _identity_image(case: Case) -> tuple[int, ...]:
     return tuple(range(len(case.scenario.directions)))
 
 
-def _pedestrians_at(case: Case, crosswalks: Sequence[int]) -> tuple[Pedestrian, ...]:
-    """Return the pedestrians of a case at other crosswalks, given the new number of every crosswalk."""
-    return tuple(replace(walker, crossing=crosswalks[walker.crossing]) for walker in case.scenario.pedestrians)
+def _variant(
+    what: str, case: Case, image: tuple[int, ...], crosswalks: Sequence[int], *, sided: bool = False, **changes: Any
+) -> Variant | Incomparable:
+    """Return a case with a changed scenario, in which each vehicle keeps its role and its parameters at its new entrance.
 
-
-def _walked_alike(case: Case, variant: Variant) -> Variant | Incomparable:
-    """Return a variant of a case, unless pedestrians start otherwise in the variant.
-
-    Without a subject, the arrival of a pedestrian is counted from the first vehicle that drives over the crosswalk, and another
-    vehicle may be the first in the variant.
+    `crosswalks` holds the new number of every crosswalk.
     """
-    starts, others = ([setting[1:4] for setting in c.scenario.walkers(c.fleet.of)] for c in (case, variant.case))
-    if np.allclose(starts, others, rtol=0.0, atol=_ALIKE):
-        return variant
-    return Incomparable(
-        variant.what, "a pedestrian would meet another vehicle first, so it would start at another time: name a subject"
-    )
-
-
-def _changed_case(case: Case, image: tuple[int, ...], **changes: Any) -> Case:
-    """Return a case with a changed scenario, in which each vehicle keeps its role and its parameters at its new entrance."""
     before = case.scenario
-    after = before.but(subject=None if before.subject is None else image[before.subject], **changes)
+    subject = None if before.subject is None else image[before.subject]
+    pedestrians = tuple(replace(walker, crossing=crosswalks[walker.crossing]) for walker in before.pedestrians)
+    after = before.but(subject=subject, pedestrians=pedestrians, **changes)
     names = {before.place.vehicle_at(e): after.place.vehicle_at(image_of) for e, image_of in enumerate(image)}
     queue = {name: name.partition("+") for name in case.fleet.others}  # a0+1 is the first follower of a0
     others = {"".join((names[queue[name][0]], *queue[name][1:])): vehicle for name, vehicle in case.fleet.others.items()}
-    return replace(case, scenario=after, fleet=replace(case.fleet, others=others))
+    changed = replace(case, scenario=after, fleet=replace(case.fleet, others=others))
+    # Without a subject, the arrival of a pedestrian is counted from the first vehicle that drives over the crosswalk, and another
+    # vehicle may be the first in the variant.
+    starts, other_starts = ([setting[1:4] for setting in c.scenario.walkers(c.fleet.of)] for c in (case, changed))
+    if np.allclose(starts, other_starts, rtol=0.0, atol=_ALIKE):
+        return Variant(what, changed, image, sided=sided)
+    return Incomparable(what, "a pedestrian would meet another vehicle first, so it would start at another time: name a subject")
 
 
 def _on_other_map(
@@ -234,18 +221,19 @@ def _on_other_map(
     starts = [scenario.start(image.index(e)) for e in range(count)]
     # The rotation `row` is chosen for its first light phase. It also moves the vehicles, so they are rotated by -row here.
     order = [image[(e + scenario.rotation) % count] for e in scenario.order]
-    changed = _changed_case(
+    return _variant(
+        what,
         case,
         image,
+        crosswalks,
+        sided=sided,
         place=after,
         directions=rotate(tuple(placed), -row),
         distance=rotate(tuple(d for d, _ in starts), -row),
         speed=rotate(tuple(v for _, v in starts), -row),
         rotation=row,
         order=[(e - row) % count for e in order],
-        pedestrians=_pedestrians_at(case, crosswalks),
     )
-    return _walked_alike(case, Variant(what, changed, image, sided=sided))
 
 
 def _matching_arms(before: Junction, after: Junction, place: Callable[[float, float], tuple[float, float]]) -> tuple[int, ...]:

@@ -74,15 +74,11 @@ def _range(value: Any) -> bool:
     )
 
 
-def _distance(value: Any) -> bool:
-    return _number(value, 0, math.inf)
-
-
 _CHECKS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "map": (lambda file: file is None or isinstance(file, str | os.PathLike), "the path of a map file"),
     "partial": (lambda partial: isinstance(partial, bool), "True or False"),
-    "near": (_distance, "a distance of 0 m or more"),
-    "far": (_distance, "a distance of 0 m or more"),
+    "near": (lambda near: _number(near, 0, math.inf), "a distance of 0 m or more"),
+    "far": (lambda far: _number(far, 0, math.inf), "a distance of 0 m or more"),
     "pace": (lambda pace: _number(pace, 0, 1), "a share of v(d)max, from 0 to 1"),
     "wait": (_range, "the least and the greatest number of seconds, such as (0, 4)"),
 }

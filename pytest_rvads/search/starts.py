@@ -246,8 +246,19 @@ def lines_at(place: Junction, seats: Iterable[int] | None = None, behaviours: Se
             raise ScenarioError(f"a seat of {place.name!r} is one of its entrances, 0 to {count - 1}, got {seat!r}")
     groups: dict[tuple[object, ...], list[Line]] = {}
     for line in _walked_lines(place.walked, behaviours) if behaviours else _every_line(place):
-        if line.seat in chosen:
-            groups.setdefault(_orbit(line), []).append(line)
+        if line.seat not in chosen:
+            continue
+        # The least image under the rotations of the junction, which is equal for lines that differ by a rotation.
+        if line.walker:
+            image: tuple[object, ...] = (
+                least(line.place, line.directions, line.seat, line.walker.crossing),
+                line.walker.side,
+                line.walker.behaviour,
+            )
+        else:
+            rows = Orbits.at(line.place).rows
+            image = min((rotate(line.directions, row), (line.seat + row) % count) for row in rows)
+        groups.setdefault((*image, line.begin), []).append(line)
     if not groups and behaviours:
         raise ScenarioError(
             f"no way of junction {place.name!r} from seats {list(chosen)} gives way to pedestrians: choose a junction with "
@@ -284,13 +295,3 @@ def _walked_lines(place: Junction, behaviours: Sequence[str]) -> Iterator[Line]:
                 if crossing.side is Side.NEAR or not behaviour(name).parked:
                     walker = Pedestrian(crossing.crosswalk, crossing.side, name)
                     yield from (Line(place, code, subject[0], begin, walker) for begin in (Begin.MOVING, Begin.REST))
-
-
-def _orbit(line: Line) -> tuple[object, ...]:
-    """Return the least image of a line of starts under the rotations of its junction, equal for lines that differ by rotation."""
-    if line.walker:
-        image = least(line.place, line.directions, line.seat, line.walker.crossing)
-        return image, line.walker.side, line.walker.behaviour, line.begin
-    count = len(line.directions)
-    images = ((rotate(line.directions, row), (line.seat + row) % count) for row in Orbits.at(line.place).rows)
-    return *min(images), line.begin

@@ -125,13 +125,7 @@ def rank(rule: str) -> int:
 
 
 class Trial:
-    """Simulates and judges starts of a line, each start once.
-
-    Args:
-        setting: driver, rules and vehicles.
-        line: the line.
-        longest: greatest lead of either vehicle [s].
-    """
+    """Simulates and judges starts of a line, each start once; neither vehicle has a lead greater than `longest` [s]."""
 
     def __init__(self, setting: Setting, line: Line, longest: float = LONGEST) -> None:
         self.setting, self.line = setting, line
@@ -147,26 +141,21 @@ class Trial:
             if measured is not None and any(verdict.asked and verdict.outcome.judges for verdict in verdicts):
                 tried = (seconds for own, _, seconds in measured.tried if run.agents[own].entrance == self.line.seat)
                 difference = next(tried, None)
-            self._starts[lead] = Start(lead, self._goes(run), outcomes, difference)
+            if self.line.walker:
+                shared, times = (self.line.place.stretches or {})[self.line.ways], []
+                for column, station in enumerate((shared.mine.start, shared.yours.start)):
+                    reached = np.flatnonzero(run.need("station")[:, column] >= station)
+                    times.append(float(reached[0]) * run.dt if len(reached) else math.inf)
+                goes = times[0] < times[1]
+            else:
+                entries = {agent.entrance: run.entry(column) for column, agent in enumerate(run.agents)}
+                subject = entries.pop(self.line.seat)
+                (other,) = entries.values()
+                until = CHANGED if self.line.by_yellow else other
+                goes = subject is not None and (until is None or subject < until)
+            self._starts[lead] = Start(lead, goes, outcomes, difference)
         return self._starts[lead]
-
-    def _goes(self, run: Run) -> bool:
-        if self.line.walker:
-            shared = (self.line.place.stretches or {})[self.line.ways]
-            return _reached(run, 0, shared.mine.start) < _reached(run, 1, shared.yours.start)
-        entries = {agent.entrance: run.entry(column) for column, agent in enumerate(run.agents)}
-        subject = entries.pop(self.line.seat)
-        if self.line.by_yellow:
-            return subject is not None and subject < CHANGED
-        (other,) = entries.values()
-        return subject is not None and (other is None or subject < other)
 
     def tried(self) -> list[Start]:
         """Return the starts that have been simulated, sorted by their lead."""
         return [self._starts[lead] for lead in sorted(self._starts)]
-
-
-def _reached(run: Run, column: int, station: float) -> float:
-    """Return the time at which the agent in a column reaches a station [s]; inf if the agent does not."""
-    reached = np.flatnonzero(run.need("station")[:, column] >= station)
-    return float(reached[0]) * run.dt if len(reached) else math.inf

@@ -143,7 +143,7 @@ class Pilot(Follower):
             self._joined = seen.time
             self._scheduler.join(seen)
         if seen.time - self._joined >= HOLD - 1e-9 and self._scheduler.calls(seen, self._zone):
-            self._release(seen)
+            self._free, self._since = True, seen.time
 
     def _attend_light(self, seen: Observation) -> None:
         """Look at the light once, at a distance; if it is not green, stop, and wait for green or to turn right on red."""
@@ -154,7 +154,7 @@ class Pilot(Follower):
                 return
             self._decided = True
             if colour is Colour.GREEN:
-                self._release(seen)
+                self._free, self._since = True, seen.time
                 return
         if me.zone is Zone.APPROACH:
             return
@@ -170,11 +170,7 @@ class Pilot(Follower):
             extra = min(max(seen.wait, TURN_WAIT[0]), TURN_WAIT[1]) if me.turn is Turn.LEFT else 0.0
             goes = self._green is not None and seen.time - self._green >= extra - 1e-9
         if goes:
-            self._release(seen)
-
-    def _release(self, seen: Observation) -> None:
-        self._free = True
-        self._since = seen.time
+            self._free, self._since = True, seen.time
 
     def _pursue(self, seen: Observation, target: float) -> float:
         """Return the acceleration toward the speed `target` [m/s^2].
@@ -206,22 +202,20 @@ def listed(seen: Observation) -> bool:
 
 def oncoming(seen: Observation) -> bool:
     """Return whether a driver without deficiency I5 has to wait on a left turn."""
-    for other in seen.others:
-        if in_the_way(seen, other):
-            return True
-        if (seen.me.entrance, other.entrance) in seen.junction.opposite and other.turn is not Turn.LEFT and _comes(seen, other):
-            return True
-    return False
+    me, opposite = seen.me, seen.junction.opposite
+    return any(
+        in_the_way(seen, other)
+        or ((me.entrance, other.entrance) in opposite and other.turn is not Turn.LEFT and _comes(seen, other))
+        for other in seen.others
+    )
 
 
 def prior_on_red(seen: Observation) -> bool:
     """Return whether a driver without deficiency I4 has to wait on a right turn on red."""
-    for other in seen.others:
-        if in_the_way(seen, other):
-            return True
-        if (seen.me.entrance, other.entrance) in seen.junction.right_of and _comes(seen, other):
-            return True
-    return False
+    me, right_of = seen.me, seen.junction.right_of
+    return any(
+        in_the_way(seen, other) or ((me.entrance, other.entrance) in right_of and _comes(seen, other)) for other in seen.others
+    )
 
 
 def _comes(seen: Observation, other: VehicleState) -> bool:
