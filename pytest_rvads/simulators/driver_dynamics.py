@@ -44,9 +44,6 @@ _RESOLUTION = 0.1
 """Resolution of B [m]."""
 
 
-Compute = Callable[[], float]
-
-
 class DriverDynamics(Protocol):
     """The stopping distance B of a driver, and the speed AV and time AT after a start, as the module's docstring defines them."""
 
@@ -93,7 +90,7 @@ class Measured:
             self._cached("AT", speed, distance, lambda: self._drive(speed, distance)[1]),
         )
 
-    def _cached(self, what: str, speed: float, distance: float, compute: Compute) -> float:
+    def _cached(self, what: str, speed: float, distance: float, compute: Callable[[], float]) -> float:
         if not (self.name and isinstance(self.simulator, Planar)):
             return compute()
         key = {"what": f"{what} of {self.name}", "speed": speed, "distance": distance, "vehicle": asdict(Vehicle())}

@@ -24,6 +24,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar, Token
+from itertools import takewhile
 from numbers import Real
 from types import FrameType, TracebackType
 from typing import Any, NamedTuple
@@ -133,11 +134,17 @@ class Watch:
             self._over, late = self, f"the run took longer than {self.limits.run:g} s of real time (setting rvads_run_limit)"
             self._began += _GRACE
         if late and not self.late:
-            stack = sys._current_frames().get(self.thread)
-            if _debugged(stack):
+            frames, frame = list[FrameType](), sys._current_frames().get(self.thread)
+            while frame is not None:
+                frames.append(frame)
+                frame = frame.f_back
+            if any(str(frame.f_globals.get("__name__")).partition(".")[0] in _DEBUGGERS for frame in frames):
                 self._over, self._since, self._began = None, now, now
                 return True
-            self.late = f"{late}, it was at {_place(stack)}"
+            # The innermost call of a driver or a world ends where a frame of this package has called it.
+            call = [*frames[:1], *takewhile(lambda frame: frame.f_globals.get("__package__") != __package__, frames[1:])]
+            lines = [(frame.f_code.co_filename, frame.f_lineno) for frame in reversed(call)]
+            self.late = f"{late}, it was at {place(lines) if lines else 'an unknown place'}"
         return got_on and not self.late
 
 
@@ -187,8 +194,10 @@ class _Watchdog:
                 for watch in self.watches:
                     if watch.look(self.clock):
                         self._put_off(watch.limits)
+                    elif watch.overdue and watch.signalled:
+                        signal.pthread_kill(watch.thread, _SIGNAL)  # type: ignore[arg-type]
                     elif watch.overdue:
-                        _stop(watch)
+                        _raise(watch.thread)
 
     def _put_off(self, limits: Limits) -> None:
         """Set, or set anew, the timer that ends the process when a time limit and `_GRACE` are over."""
@@ -224,13 +233,6 @@ def _interrupt(_number: int, frame: FrameType | None) -> None:
         raise TooLate
 
 
-def _stop(watch: Watch) -> None:
-    if watch.signalled:
-        signal.pthread_kill(watch.thread, _SIGNAL)  # type: ignore[arg-type]
-    else:
-        _raise(watch.thread)
-
-
 def _raise(thread: int) -> None:
     """Make a thread raise `TooLate` when it next runs Python code.
 
@@ -240,22 +242,6 @@ def _raise(thread: int) -> None:
     import ctypes
 
     ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), ctypes.py_object(TooLate))
-
-
-def _place(stack: FrameType | None) -> str:
-    """Return file and line of the innermost call of a driver or world in code of the user, see `place`."""
-    frames = [stack] if stack else []
-    while frames and (back := frames[-1].f_back) and back.f_globals.get("__package__") != __package__:
-        frames.append(back)
-    return place([(frame.f_code.co_filename, frame.f_lineno) for frame in reversed(frames)]) if frames else "an unknown place"
-
-
-def _debugged(stack: FrameType | None) -> bool:
-    while stack is not None:
-        if str(stack.f_globals.get("__name__")).partition(".")[0] in _DEBUGGERS:
-            return True
-        stack = stack.f_back
-    return False
 
 
 class Choice(NamedTuple):

@@ -48,13 +48,7 @@ class Perception:
             if senses.occlusion and hidden(seen.me, other, bodies):
                 continue
             if senses.position_noise or senses.speed_noise:
-                other = _blurred(
-                    other,
-                    seen.junction,
-                    senses.position_noise * along,
-                    senses.position_noise * across,
-                    senses.speed_noise * faster,
-                )
+                other = _blurred(other, seen.junction, senses, along, across, faster)
             perceived.append(other)
         return seen._replace(others=tuple(perceived), created=sum(other.name in self._earlier for other in perceived))
 
@@ -72,8 +66,9 @@ def hidden(me: VehicleState, other: VehicleState, bodies: tuple[VehicleState, ..
     )
 
 
-def _blurred(state: VehicleState, junction: Junction, along: float, across: float, faster: float) -> VehicleState:
-    """Return a state moved along and across its way [m] and changed in speed [m/s], with the zone of the moved station."""
+def _blurred(state: VehicleState, junction: Junction, senses: Senses, along: float, across: float, faster: float) -> VehicleState:
+    """Return a state moved along and across its way and changed in speed by random draws, with the zone of the moved station."""
+    along, across, faster = senses.position_noise * along, senses.position_noise * across, senses.speed_noise * faster
     cos, sin = math.cos(state.heading), math.sin(state.heading)
     station, zone = state.station + along, state.zone
     if along:

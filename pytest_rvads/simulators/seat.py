@@ -184,28 +184,25 @@ def _hire(
         with _asking(f"making {name_of(factory)} for {agent.name}", agent):
             product = factory()
             coordinates = callable(getattr(product, "autopilots", None))
-        if coordinates:
-            autopilots = _autopilots_of(product, agents, junction)
-            return [Seat(a, autopilot, senses, key) for a, autopilot in zip(agents, autopilots, strict=True)]
-        seats.append(Seat(agent, product, senses, key))
+        if not coordinates:
+            seats.append(Seat(agent, product, senses, key))
+            continue
+        name, first = name_of(type(product)), agents[0]
+        limited = not getattr(product, "own_limits", False)
+        if junction is not None and callable(prepare := getattr(product, "prepare", None)):
+            with _asking(f"{name}.prepare", first, limited=limited):
+                prepare(junction)
+        with _asking(f"{name}.autopilots", first, limited=limited):
+            objection = wrong_label(product)
+            autopilots = [] if objection else list(islice(product.autopilots(tuple(agents)), len(agents) + 1))
+        if objection:
+            raise Halt(first.name, f"{name} can't coordinate {len(agents)} agents: {objection}")
+        if len(autopilots) != len(agents):
+            count = f"{len(autopilots)}" if len(autopilots) < len(agents) else "more"
+            reason = f"{name}.autopilots returned {count} autopilots, expected one for each of {len(agents)} agents"
+            raise Halt(first.name, reason)
+        return [Seat(a, autopilot, senses, key) for a, autopilot in zip(agents, autopilots, strict=True)]
     return seats
-
-
-def _autopilots_of(system: Any, agents: Sequence[Agent], junction: Junction | None) -> list[Any]:
-    name, first = name_of(type(system)), agents[0]
-    limited = not getattr(system, "own_limits", False)
-    if junction is not None and callable(prepare := getattr(system, "prepare", None)):
-        with _asking(f"{name}.prepare", first, limited=limited):
-            prepare(junction)
-    with _asking(f"{name}.autopilots", first, limited=limited):
-        objection = wrong_label(system)
-        autopilots = [] if objection else list(islice(system.autopilots(tuple(agents)), len(agents) + 1))
-    if objection:
-        raise Halt(first.name, f"{name} can't coordinate {len(agents)} agents: {objection}")
-    if len(autopilots) != len(agents):
-        count = f"{len(autopilots)}" if len(autopilots) < len(agents) else "more"
-        raise Halt(first.name, f"{name}.autopilots returned {count} autopilots, expected one for each of {len(agents)} agents")
-    return autopilots
 
 
 @contextmanager

@@ -6,7 +6,6 @@ Callers use `simulate` for runs and `vmax` for the greatest safe speeds; both ch
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from importlib.util import find_spec
 from numbers import Real
 from pathlib import Path
@@ -18,7 +17,7 @@ from pytest_rvads.drivers.naming import at
 from pytest_rvads.geometry.segment import SPEED_LIMIT
 from pytest_rvads.logic.conduct.validate import impossible
 from pytest_rvads.runs.run import DT, Run
-from pytest_rvads.runs.states import Agent, Vehicle, Zone
+from pytest_rvads.runs.states import Vehicle, Zone
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators.loop import usual
 from pytest_rvads.simulators.patience import TooLate, Watch, choice
@@ -165,9 +164,12 @@ def answered(case: Case, simulator: Simulator | None = None) -> Run:
             raise RunError(f"the simulator {maker.name!r} at {case.scenario.name}: {watch.late}") from late
     require(run, Run, f"the simulator {maker.name!r} must answer a case with its Run", RunError)
     scenario = case.scenario
+    routes, expected_routes = (
+        [f"{agent.name} from {agent.entrance} to {agent.exit}" for agent in agents] for agents in (run.agents, case.agents())
+    )
     for field, got, expected in (
         ("junction", run.junction, scenario.place),
-        ("agents", _routes(run.agents), _routes(case.agents())),
+        ("agents", routes, expected_routes),
         ("subject", run.subject, scenario.under_test),
         ("label", run.label, scenario.name),
     ):
@@ -243,7 +245,3 @@ def _flaw_of_end(run: Run, case: Case) -> str:
     if not present:
         return ""
     return f"it ends at {run.duration:.2f} s without a reason: {' and '.join(present)} had not left yet, {advice}"
-
-
-def _routes(agents: Iterable[Agent]) -> list[str]:
-    return [f"{agent.name} from {agent.entrance} to {agent.exit}" for agent in agents]

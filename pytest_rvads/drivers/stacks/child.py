@@ -167,58 +167,48 @@ class Child:
             return
         self._closed = True
         try:
-            self._dismiss(farewell)
+            if farewell:
+                self._descendants.living()  # descendants are identified before the process exits, when they lose their parent
+                with suppress(OSError):  # the process has ended, or does not read
+                    os.write(self._in.fileno(), farewell)
+            self._in.close()
+            if farewell:
+                self._exited(self._grace)
+            dismiss([self._descendants], self._grace)
         finally:  # an interrupt must not leave processes behind
             living = kill([self._descendants])
             with suppress(subprocess.TimeoutExpired):
                 self._process.wait(_MOMENT)
             unwatch(self._process.pid)
-            held = self._is_output_held()
+            deadline, held = time.monotonic() + _MOMENT, True
+            while held and time.monotonic() < deadline and self._readable.poll(_left(deadline)):
+                held = bool(os.read(self._out.fileno(), _PIECE))  # the output ends when no process holds it
             self._out.close()
             self._stderr.close()
+        fault = f"a process that the stack {self._name} started holds its standard output and can't be found" if held else ""
         if living:
-            _warn(f"the processes {sorted(living)} of the stack {self._name} can't be ended")
-        elif held:
-            _warn(f"a process that the stack {self._name} started holds its standard output and can't be found")
-
-    def _dismiss(self, farewell: bytes) -> None:
-        """Ask the process and all its descendants to exit, and wait until they do, or until the time is up."""
-        if farewell:
-            self._descendants.living()  # descendants are identified now, because they lose their parent when the process exits
-            with suppress(OSError):  # the process has ended, or does not read
-                os.write(self._in.fileno(), farewell)
-        self._in.close()
-        if farewell:
-            self._exited(self._grace)
-        dismiss([self._descendants], self._grace)
-
-    def _is_output_held(self) -> bool:
-        """Return whether an unknown process keeps the standard output open for `_MOMENT` after all known processes ended."""
-        deadline = time.monotonic() + _MOMENT
-        while time.monotonic() < deadline and self._readable.poll(_left(deadline)):
-            if not os.read(self._out.fileno(), _PIECE):
-                return False
-        return True
+            fault = f"the processes {sorted(living)} of the stack {self._name} can't be ended"
+        if fault:
+            advice = "end them by hand, and run stacks that start daemons in a container"
+            warnings.warn(f"{fault}: {advice}", RuntimeWarning, stacklevel=2)
 
     def _fill(self, deadline: float, limit: float) -> None:
         if not self._readable.poll(_left(deadline)):
             raise StackTimeout(f"it did not answer within {limit:g} s")
         data = os.read(self._out.fileno(), _PIECE)
-        if not data:
-            raise StackError(self._end_in_words())
         self._buffer += data
-
-    def _end_in_words(self) -> str:
+        if data:
+            return
         status = self._exited(_MOMENT)
         if status is None:
-            return "it closed its standard input or output and went on"
+            raise StackError("it closed its standard input or output and went on")
         if status.si_code == os.CLD_EXITED:
-            return f"it exited with status {status.si_status} before it answered"
+            raise StackError(f"it exited with status {status.si_status} before it answered")
         try:
             name = signal.Signals(status.si_status).name
         except ValueError:
             name = str(status.si_status)
-        return f"it was killed by signal {name}"
+        raise StackError(f"it was killed by signal {name}")
 
     def _exited(self, limit: float) -> os.waitid_result | None:
         """Return the exit status of the process, which stays a zombie; None if the process still runs after `limit` seconds."""
@@ -231,10 +221,6 @@ class Child:
             if status is not None or time.monotonic() >= deadline:
                 return status
             time.sleep(0.002)
-
-
-def _warn(fault: str) -> None:
-    warnings.warn(f"{fault}: end them by hand, and run stacks that start daemons in a container", RuntimeWarning, stacklevel=3)
 
 
 def _left(deadline: float) -> float:

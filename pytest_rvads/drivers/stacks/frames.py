@@ -23,8 +23,6 @@ RESET, READY, OBSERVE, COMMAND, BYE = 1, 2, 3, 4, 5
 """Kinds of frames."""
 ENTRANCES, OTHERS, POINTS = 32, 63, 64
 """Largest numbers of entrances (or exits), of other vehicles, and of points of a trajectory in a frame."""
-_TRAJECTORY = 4
-"""Number of the command `Trajectory`, the highest number of a command."""
 HEADER = struct.Struct("<2I")
 _RESET = struct.Struct("<14I5d8d")
 _ENTRANCE, _EXIT = struct.Struct("<3Ii2d"), struct.Struct("<2I")
@@ -83,7 +81,7 @@ class Binary(messages.Format):
         for e in entrances:
             # Without a setback of the sign, the setback of the stopping line is given twice.
             posted = e["setback"] if e["sign_setback"] is None else e["sign_setback"]
-            rows.append((e["arm"], e["lane"], _SIGNS[e["sign"]], _phase(e), e["setback"], posted))
+            rows.append((e["arm"], e["lane"], _SIGNS[e["sign"]], -1 if e["phase"] is None else e["phase"], e["setback"], posted))
         body = b"".join(
             (
                 fixed,
@@ -99,7 +97,10 @@ class Binary(messages.Format):
                 ),
                 *(_POINT.pack(*point) for point in way["path"]),
                 text,
-                *(_CROSSWALK.pack(c["arm"], _phase(c), c["length"], c["middle"], c["island"]) for c in crosswalks),
+                *(
+                    _CROSSWALK.pack(c["arm"], -1 if c["phase"] is None else c["phase"], c["length"], c["middle"], c["island"])
+                    for c in crosswalks
+                ),
                 *(_COVER.pack(*cover.values()) for cover in place.get("covers", ())),
             )
         )
@@ -110,11 +111,12 @@ class Binary(messages.Format):
         others, lights = self.others(seen), self.lights(seen)
         if len(others) > OTHERS:
             raise StackError(f"there are {len(others)} other vehicles, {_ROOM.format(OTHERS)}")
+        me, *rows = [self._row(state, state.entrance, self._lanes[state.entrance]) for state in (seen.me, *others)]
         parts = [
             _SEEN.pack(seen.time, step, len(others), len(lights), 0),
-            self._vehicle(seen.me),
+            me,
             _LIGHTS.pack(*lights, *[0] * (ENTRANCES - len(lights))),
-            *map(self._vehicle, others),
+            *rows,
         ]
         if self.pedestrians:
             (pedestrians, parked), walks = self.beside(seen), self.walks(seen)
@@ -128,13 +130,24 @@ class Binary(messages.Format):
     def command(self, body: bytes) -> tuple[Command, float | None, int]:
         """Return the command in a frame, the compute time that the stack reports [s], and the step of the observation."""
         kind, count, step, _, *values, compute = _COMMAND.unpack_from(body)
-        reported = None if compute < 0 else compute
-        if kind != _TRAJECTORY:
-            return _command(kind, *values), reported, step
-        if count > POINTS:
-            raise StackError(f"its trajectory has {count} points, expected at most {POINTS}")
-        points = struct.iter_unpack("<3d", body[_COMMAND.size : _COMMAND.size + 24 * count])
-        return Trajectory(tuple(Waypoint(*point) for point in points)), reported, step
+        command: Command
+        match kind:
+            case 0:
+                command = Control(*values)
+            case 1:
+                command = TargetSpeed(values[0])
+            case 2:
+                command = Acceleration(values[0])
+            case 3:
+                command = Acceleration(*values[:2])
+            case 4:
+                if count > POINTS:
+                    raise StackError(f"its trajectory has {count} points, expected at most {POINTS}")
+                points = struct.iter_unpack("<3d", body[_COMMAND.size : _COMMAND.size + 24 * count])
+                command = Trajectory(tuple(Waypoint(*point) for point in points))
+            case _:
+                raise StackError(f"its command is of kind {kind}, expected 0 to 4")
+        return command, None if compute < 0 else compute, step
 
     def ready(self, child: Child, limit: float) -> None:
         """Wait for the frame ``ready``, at most `limit` seconds of real time."""
@@ -143,9 +156,6 @@ class Binary(messages.Format):
     def answer(self, child: Child, limit: float) -> tuple[Command, float | None, int]:
         """Return the command in the next frame, the compute time that the stack reports [s], and the answered step."""
         return self.command(_frame(child, COMMAND, limit))
-
-    def _vehicle(self, state: VehicleState) -> bytes:
-        return self._row(state, state.entrance, self._lanes[state.entrance])
 
     def _row(self, state: VehicleState, place: int, part: int) -> bytes:
         return _VEHICLE.pack(
@@ -160,11 +170,6 @@ class Binary(messages.Format):
         )
 
 
-def _phase(place: dict[str, Any]) -> int:
-    """Return the phase group of an entrance or a crosswalk; -1 without a light."""
-    return -1 if place["phase"] is None else int(place["phase"])
-
-
 def _frame(child: Child, kind: int, limit: float) -> bytes:
     """Return the body of the next frame, whose kind must be `kind`."""
     head = child.exactly(HEADER.size, limit)
@@ -174,19 +179,6 @@ def _frame(child: Child, kind: int, limit: float) -> bytes:
     if received != kind:
         raise StackError(f"it sent a frame of kind {received}, expected {kind}")
     return child.exactly(size, limit)
-
-
-def _command(kind: int, *values: float) -> Command:
-    match kind:
-        case 0:
-            return Control(*values)
-        case 1:
-            return TargetSpeed(values[0])
-        case 2:
-            return Acceleration(values[0])
-        case 3:
-            return Acceleration(*values[:2])
-    raise StackError(f"its command is of kind {kind}, expected 0 to {_TRAJECTORY}")
 
 
 def _table(row: struct.Struct, rows: Iterable[tuple[Any, ...]]) -> bytes:

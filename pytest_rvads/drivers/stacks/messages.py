@@ -88,11 +88,7 @@ class Answer(Struct, tag_field="type", tag="command"):
 
 
 _encode = Encoder().encode
-
-
 _decode = Decoder(Hello | Ready | Answer).decode
-
-
 _Message = TypeVar("_Message", Hello, Ready, Answer)
 
 
@@ -107,12 +103,9 @@ def read(line: bytes, kind: type[_Message]) -> _Message:
         message = _decode(line)
     except (MsgspecError, ValueError, RecursionError):
         message = None
-    return message if isinstance(message, kind) else _read_leniently(line, kind)
-
-
-def _read_leniently(line: bytes, kind: type[_Message]) -> _Message:
-    """Return the message in a line with values that strict JSON lacks, such as NaN, or raise an error that explains the fault."""
-    expected = str(kind.__struct_config__.tag)
+    if isinstance(message, kind):
+        return message
+    expected = str(kind.__struct_config__.tag)  # what follows also reads values that strict JSON lacks, such as NaN
     try:
         content = json.loads(line)
     except (ValueError, RecursionError):
@@ -338,12 +331,18 @@ class Json(Format):
 
     def observe(self, seen: Observation, step: int) -> bytes:
         """Return the observe message; steps count from 1 in every scenario."""
+        # The fields from station to width have the same order in `VehicleState` and `_Seen`.
+        lanes = self._lanes
+        me, *others = [
+            _Seen(self.number(s), s.name, s.kind.value, s.entrance, lanes[s.entrance], s.turn.value, _ZONES[s.zone], *s[4:12])
+            for s in (seen.me, *self.others(seen))
+        ]
         content: dict[str, Any] = {
             "type": "observe",
             "step": step,
             "time": seen.time,
-            "me": self._vehicle(seen.me),
-            "others": [self._vehicle(other) for other in self.others(seen)],
+            "me": me,
+            "others": others,
             "lights": [_COLOURS[colour] for colour in self.lights(seen)],
         }
         if self.pedestrians:
@@ -357,12 +356,6 @@ class Json(Format):
         """Return the command in the next line, the compute time that the stack reports [s], and the answered step."""
         message = read(child.line(limit), Answer)
         return message.command(), message.compute, message.step
-
-    def _vehicle(self, state: VehicleState) -> _Seen:
-        name, entrance, turn, zone = state[:4]
-        lane = self._lanes[entrance]
-        # The fields from station to width have the same order in `VehicleState` and `_Seen`.
-        return _Seen(self.number(state), name, state.kind.value, entrance, lane, turn.value, _ZONES[zone], *state[4:12])
 
     def _beside(self, state: VehicleState, crosswalk: int, side: int) -> _Beside:
         zone, kind = _ZONES[state.zone], state.kind.value

@@ -27,6 +27,7 @@ from pytest_rvads.runs.states import Agent
 from pytest_rvads.support.errors import AutopilotError
 from pytest_rvads.support.wording import one_line
 
+_FORMATS: dict[str, Callable[[bool], messages.Format]] = {"json": messages.Json, "binary": frames.Binary}
 _DAY = 86400.0
 """Longest compute time of a decision that is accepted in the report of a stack [s]."""
 RATE = 20.0
@@ -230,7 +231,14 @@ class Connection:
         try:
             self.child.send(messages.hello(), startup)
             answer = messages.read(self.child.line(startup), messages.Hello)
-            self._format = _format(answer)
+            if answer.version != messages.VERSION:
+                raise StackError(
+                    f"it speaks version {answer.version} of the protocol, expected {messages.VERSION}: "
+                    "build it with the client of this version"
+                )
+            if answer.format not in _FORMATS:
+                raise StackError(f"it wants the format {answer.format[:20]!r}, expected {' or '.join(_FORMATS)}")
+            self._format = _FORMATS[answer.format](answer.pedestrians)
             self.rate, self.pedestrians = answer.rate, answer.pedestrians
         except StackError as error:
             raise self.failed(error) from None
@@ -286,17 +294,3 @@ def _refuse(early: bytes) -> None:
     """
     if early:
         raise StackError(f"it wrote {messages.quoted(early)} before it was asked: read a message, then answer it once")
-
-
-def _format(answer: messages.Hello) -> messages.Format:
-    if answer.version != messages.VERSION:
-        raise StackError(
-            f"it speaks version {answer.version} of the protocol, expected {messages.VERSION}: "
-            "build it with the client of this version"
-        )
-    if answer.format not in _FORMATS:
-        raise StackError(f"it wants the format {answer.format[:20]!r}, expected {' or '.join(_FORMATS)}")
-    return _FORMATS[answer.format](answer.pedestrians)
-
-
-_FORMATS: dict[str, Callable[[bool], messages.Format]] = {"json": messages.Json, "binary": frames.Binary}
