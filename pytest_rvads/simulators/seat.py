@@ -182,7 +182,7 @@ def _hire(
     seats: list[Seat] = []
     for agent in agents:
         with _asking(f"making {name_of(factory)} for {agent.name}", agent):
-            product = factory()
+            product: Any = factory()
             coordinates = callable(getattr(product, "autopilots", None))
         if not coordinates:
             seats.append(Seat(agent, product, senses, key))
