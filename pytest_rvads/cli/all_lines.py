@@ -240,12 +240,7 @@ class StripRow(NamedTuple):
 
 
 def draw_strips(rows: Sequence[StripRow], least: float, greatest: float, axis: str) -> str:
-    """Return strips as an SVG element; the style sheet of the page gives the colours.
-
-    Args:
-        least: left end of the axis [s].
-        greatest: right end of the axis [s].
-    """
+    """Return strips, from `least` to `greatest` [s], as an SVG element; the style sheet of the page gives the colours."""
     height = _TOP + _ROW * len(rows) + 10
     width = 2 * _LEFT + _WIDE
 

@@ -61,11 +61,7 @@ class Replayed:
 
 
 def failed_run(folder: Path, report: Report, record: Record, page: Path, earlier: tuple[Path, Report] | None) -> Replayed:
-    """Return the replay of a test item that violated a rule.
-
-    Args:
-        earlier: file and content of the report of an earlier session, whose run of the item is shown, too; or None.
-    """
+    """Return the replay of a test item that violated a rule, with its run in an `earlier` report (file and content), if any."""
     path = run_file(folder, record.hash or "")
     run, again = load_run(path), f"{report.again} {quoted(record.nodeid)}"
     if run.hash != record.hash:
@@ -104,11 +100,7 @@ def failed_run(folder: Path, report: Report, record: Record, page: Path, earlier
 
 
 def run_of_file(file: Path, rule_name: str | None) -> Replayed:
-    """Return the replay of the run of a file.
-
-    Args:
-        rule_name: name of the rule that judges the run; None to show the run alone.
-    """
+    """Return the replay of the run of a file; with None as `rule_name`, no rule judges the run."""
     rules = named_rules((rule_name,)) if rule_name else ()
     if len(rules) > 1:
         raise FormulaError(f"a page shows one rule, got {rule_name!r} with {len(rules)} rules: name one of these rules")

@@ -42,12 +42,7 @@ class Meeting(NamedTuple):
 
 
 class Meetings:
-    """The meetings of the own movement with the movements of other vehicles, computed once per other vehicle.
-
-    Args:
-        junction: the junction.
-        itinerary: the own itinerary.
-    """
+    """The meetings of the own movement with the movements of other vehicles, computed once per other vehicle."""
 
     def __init__(self, junction: Junction, itinerary: Itinerary) -> None:
         self._junction, self._key = junction, (itinerary.entrance, itinerary.exit)
@@ -89,11 +84,7 @@ def ahead_in_lane(seen: Observation) -> VehicleState | None:
 
 
 def conflicts(seen: Observation, other: VehicleState) -> list[Shared]:
-    """Return the stretches that the own movement shares with the possible movements of `other`.
-
-    The list is empty if no possible movement shares a stretch with the own movement, or if the geometry of the junction is
-    unknown.
-    """
+    """Return the stretches that the own movement shares with the possible movements of `other`; none without a geometry."""
     junction, own_key = seen.junction, (seen.itinerary.entrance, seen.itinerary.exit)
     stretches = junction.stretches or {}
     return [shared for way in junction.by_turn[other.entrance, other.turn] if (shared := stretches.get((own_key, way.key)))]
@@ -101,10 +92,7 @@ def conflicts(seen: Observation, other: VehicleState) -> list[Shared]:
 
 @lru_cache(maxsize=4096)
 def may_meet(junction: Junction, vehicle: tuple[int, Turn], other_vehicle: tuple[int, Turn]) -> bool:
-    """Return whether possible movements of two vehicles from different arms share a stretch.
-
-    The result is True if the geometry of the junction is unknown.
-    """
+    """Return whether possible movements of two vehicles from different arms share a stretch; True without a geometry."""
     if junction.starts[vehicle[0]].arm == junction.starts[other_vehicle[0]].arm:
         return False
     pairs, ways = junction.conflicts, junction.by_turn

@@ -44,11 +44,7 @@ _GREEN, _YELLOW, _RED = Colour.GREEN, Colour.YELLOW, Colour.RED
 class GiveWay:
     """Decides when to enter: after a stop at a sign or light, in gaps between vehicles that go first, if the exit has room.
 
-    Args:
-        seen: the first observation.
-        track: the points and highest speeds of the own itinerary.
-        tie: arrivals within this time count as simultaneous at an all-way stop [s], see `Queue`.
-        stops: whether the driver stops at stop signs; if not, it treats stop signs as yield signs.
+    Without `stops`, the driver treats stop signs as yield signs. `Queue` explains the tie [s].
     """
 
     def __init__(self, seen: Observation, track: Track, tie: float = 0.0, *, stops: bool = True) -> None:
@@ -261,9 +257,8 @@ class GiveWay:
 def clear_of_meetings(seen: Observation, meetings: Meetings) -> float:
     """Return the acceleration [m/s^2] with which the own vehicle stops before a stretch that a crossing vehicle reaches first.
 
-    The result is inf if no stop is needed. Only vehicles in the junction or on an exit road are considered. The own vehicle does
-    not stop for a vehicle that leaves the shared stretch in time. Vehicles that drive into the own exit are ignored, because the
-    driver follows them at a distance.
+    The result is inf if no stop is needed. The own vehicle does not stop for a vehicle that leaves the shared stretch in time.
+    Vehicles that drive into the own exit are ignored, because the driver follows them at a distance.
     """
     me = seen.me
     least = math.inf

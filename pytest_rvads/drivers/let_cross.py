@@ -82,10 +82,6 @@ class AtCrosswalks:
     The driver lets a pedestrian cross who is on the own side, who will be on the own side before the own vehicle has passed, or
     who waits at the kerb. The driver does not wait for a pedestrian who stands at red, or who has stood for `WAIVER` while the
     own vehicle waited.
-
-    Args:
-        seen: the first observation.
-        track: the highest speeds on the own way.
     """
 
     def __init__(self, seen: Observation, track: Track) -> None:

@@ -50,9 +50,8 @@ class Queue:
     A vehicle arrives when it enters the entrance zone, or earlier, when it stops at its `stop_place` with no vehicle ahead in its
     lane. It counts as arrived until it enters the junction or backs out. Vehicles take turns only if their ways meet.
 
-    Args:
-        tie: arrivals within this time of each other count as simultaneous [s]. With 0, the paper's rules hold: a vehicle arrives
-            when it enters the entrance zone, and takes turns with the vehicles of all other entrances.
+    Arrivals within the time `tie` of each other count as simultaneous [s]. With 0, the paper's rules hold: a vehicle arrives when
+    it enters the entrance zone, and takes turns with the vehicles of all other entrances.
     """
 
     def __init__(self, tie: float = 0.0) -> None:
@@ -134,9 +133,7 @@ class Queue:
 class StopSign:
     """Decides at an all-way stop: the driver stops, waits for its turn, and enters when no other vehicle is in the junction.
 
-    Args:
-        tie: see `Queue` [s]; at most `HOLD`, so that all simultaneous arrivals have happened before the driver looks for its
-            turn.
+    The tie, see `Queue`, is at most `HOLD`, so that all simultaneous arrivals have happened before the driver looks for its turn.
     """
 
     def __init__(self, tie: float = 0.0) -> None:
@@ -204,10 +201,8 @@ class OnYellow:
 class Light:
     """Decides at a light: the driver stops on yellow and red, turns right on red after a stop, and yields when turning.
 
-    Args:
-        paper: whether the right of way is as in the paper's rules, in which a vehicle keeps its right of way until it is in the
-            junction or the own light is green. If not, a vehicle loses its right of way when its green light ends, and when it
-            has stood at green for `WAIVER`.
+    In the paper's rules, a vehicle keeps its right of way until it is in the junction or the own light is green. Otherwise, a
+    vehicle loses its right of way when its green light ends, and when it has stood at green for `WAIVER`.
     """
 
     def __init__(self, *, paper: bool = True) -> None:

@@ -123,8 +123,8 @@ def behind_leader(seen: Observation) -> float:
 def clear_of_crossing(seen: Observation) -> float:
     """Return the acceleration [m/s^2] with which the own vehicle stops before a stretch that a crossing vehicle reaches first.
 
-    The result is inf if no stop is needed. Only vehicles in the junction are considered. Vehicles that drive into the own exit
-    are ignored, because the driver follows them at a distance.
+    The result is inf if no stop is needed. Vehicles that drive into the own exit are ignored, because the driver follows them at
+    a distance.
     """
     me = seen.me
     least = math.inf
@@ -177,10 +177,7 @@ def clear_of_bodies(seen: Observation, track: Track, followed: VehicleState | No
 
 
 def clear_of_standing(seen: Observation, track: Track) -> float:
-    """Return the acceleration [m/s^2] that stops before the own body touches a standing vehicle; inf if the way is free.
-
-    The area that the own body covers in bends is considered.
-    """
+    """Return the acceleration [m/s^2] that stops before the own body touches a standing vehicle; inf if the way is free."""
     me, least = seen.me, math.inf
     reach = 3.0 + me.speed * (REACTION + me.speed / (2.0 * FOLLOW))
     for other in seen.others:

@@ -88,10 +88,8 @@ _BEFORE = 60.0
 class Track:
     """The table of an itinerary, with a row per metre: points, poses of the rear axle, and the highest speed.
 
-    Args:
-        itinerary: the itinerary.
-        axle: distance from the reference point to the rear axle [m]; the rear axle leaves a bend later than the reference point.
-        way: the planned path of the rear axle; None if the rear axle follows the itinerary.
+    The rear axle, `axle` behind the reference point [m], leaves a bend later; it follows the planned path `way`, or the
+    itinerary.
     """
 
     def __init__(self, itinerary: Itinerary, axle: float, way: AxlePath | None = None) -> None:

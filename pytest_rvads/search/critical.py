@@ -158,11 +158,10 @@ def bisected(holds: Callable[[int], bool], low: int, high: int) -> int:
 
 
 def _turn(trial: Trial, guess: int, apart: int) -> int:
-    """Return the least lead at which the subject goes, in steps; a lead beyond the line's end if the subject never goes.
+    """Return the least lead at which the subject goes [steps]; a lead beyond the line's end if the subject never goes.
 
-    Args:
-        guess: lead at which the search begins [steps].
-        apart: first step away from the guess; the steps double until the subject waits at one start and goes at another [steps].
+    The search begins at the lead `guess`. Its first step away is `apart`, and the steps double until the subject waits at one
+    start and goes at another.
     """
 
     def goes(lead: int) -> bool:

@@ -183,11 +183,7 @@ def _run_search(
 
 
 def _falsify(search: Search, trial: _Trial, vehicle: Vehicle, name: str | None, *, stored: bool) -> Counterexample | None:
-    """Let Hypothesis try scenarios until the rule is violated, and then simplify the scenario of the violation.
-
-    Args:
-        name: name of the search in the example database; with None, no counterexample is stored.
-    """
+    """Let Hypothesis try scenarios until the rule is violated, and then simplify the scenario of the violation."""
     from hypothesis import HealthCheck, Phase, Verbosity, given, settings, target
     from hypothesis import seed as seeded
 
@@ -286,12 +282,10 @@ class _Trial:
 def score(verdict: Verdict, apart: float) -> float:
     """Return how near a run was to a violation; a greater number is nearer.
 
-    If the rule applied, the number is the greatest margin of its instances [s] minus a share of `apart`. The share distinguishes
-    runs by rules such as ``no_collision``, whose margin is 0 in every run without a violation. If the rule did not apply, the
-    number is far below, and is the lower the more conditions of the rule's premise were false.
-
-    Args:
-        apart: the shortest post-encroachment time in the run, see `_apart` [s].
+    If the rule applied, the number is the greatest margin of its instances [s] minus a share of `apart`, the shortest post-
+    encroachment time [s]. The share distinguishes runs by rules such as ``no_collision``, whose margin is 0 in every run without
+    a violation. If the rule did not apply, the number is far below, and is the lower the more conditions of the rule's premise
+    were false.
     """
     margins = [i.margin for i in verdict.instances if i.margin is not None]
     if verdict.status is Status.NA:

@@ -129,8 +129,7 @@ class Symmetry:
 def rotations_of(junction: Junction) -> tuple[Symmetry, ...]:
     """Return the rotations of a junction that keep its lanes, signs, turns, relations of entrances and groups of light phases.
 
-    The first rotation is the identity. A symmetric junction of four arms has four such rotations; a T-junction has only the
-    identity.
+    The first is the identity. A symmetric junction of four arms has four rotations, a T-junction has the identity alone.
     """
     symmetries = []
     for arms in range(junction.ways):

@@ -249,14 +249,11 @@ class VehicleStart(NamedTuple):
 
 
 def nominal_arrival(start: VehicleStart, limit: float, *, stops: bool) -> float:
-    """Return the time at which a vehicle on a free road reaches its stopping line [s].
+    """Return the time at which a vehicle on a free road with a speed limit [m/s] reaches its stopping line [s].
 
     The vehicle accelerates with constant acceleration up to the speed limit, and brakes with constant deceleration if it stops at
     the line. The peak speed p follows from ``distance = (p^2 - speed^2) / (2 _ACCELERATION) + p^2 / (2 _BRAKING)``. Drivers other
     than the reference arrive at other times, but the gap between two vehicles with the same driver is about the same.
-
-    Args:
-        limit: the speed limit [m/s].
     """
     distance, speed = start
     if not distance:

@@ -16,12 +16,7 @@ from pytest_rvads.scenarios.senses import Senses
 
 
 class Perception:
-    """The view of one vehicle with imperfect senses.
-
-    Args:
-        senses: the senses of the vehicle.
-        key: scenario and vehicle, which seed the random draws together with the seed of the senses.
-    """
+    """The view of one vehicle with imperfect senses; seed and key (scenario and vehicle) decide the random draws."""
 
     def __init__(self, senses: Senses, key: str) -> None:
         self._senses = senses
@@ -89,12 +84,7 @@ def _blurred(state: VehicleState, junction: Junction, senses: Senses, along: flo
 
 
 class Latency:
-    """Delays the commands of an autopilot. Commands keep their order; until the first command arrives, the vehicle coasts.
-
-    Args:
-        senses: senses with latency and jitter.
-        key: seeds the random draws together with the seed of the senses.
-    """
+    """Delays the commands of an autopilot. Commands keep their order; until the first command arrives, the vehicle coasts."""
 
     def __init__(self, senses: Senses, key: str) -> None:
         self._senses = senses

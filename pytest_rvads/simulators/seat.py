@@ -49,16 +49,10 @@ _TIMES = 32
 
 
 class Seat:
-    """The connection of an autopilot to one vehicle.
+    """The connection of an autopilot to one vehicle; the random draws of its senses depend on `key` and the vehicle's name.
 
-    Args:
-        agent: the vehicle.
-        autopilot: an object with a method ``control``, and perhaps further abilities of `Autopilot`.
-        senses: senses of the vehicle.
-        key: seeds the random draws of the senses together with their seed and the vehicle's name.
-
-    Raises:
-        Halt: the autopilot has no method ``control``, its label is no text, it raises, or the period is no multiple of the step.
+    A `Halt` is raised if the autopilot has no method ``control``, its label is no text, it raises, or its period is no multiple
+    of the step.
     """
 
     def __init__(self, agent: Agent, autopilot: Any, senses: Senses = IDEAL, key: str = "") -> None:

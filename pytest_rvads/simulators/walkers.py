@@ -21,13 +21,7 @@ from pytest_rvads.scenarios.pedestrians import Setting
 
 
 class Walker:
-    """A pedestrian, or a parked vehicle, in a run.
-
-    Args:
-        junction: the junction, with its crossings among the further ways.
-        setting: where and when the agent starts.
-        itineraries: itineraries of the vehicles.
-    """
+    """A pedestrian, or a parked vehicle, in a run with vehicles on their itineraries."""
 
     state: VehicleState
     """The last sampled state."""

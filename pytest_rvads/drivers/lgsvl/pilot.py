@@ -58,13 +58,7 @@ class Switches(NamedTuple):
 
 
 class Pilot(Follower):
-    """The driver of one vehicle in the LGSVL-like traffic system.
-
-    Args:
-        switches: which deficiencies the driver has.
-        constants: the constants whose values were fitted.
-        scheduler: the scheduler that all vehicles of the run share.
-    """
+    """The driver of one vehicle in the LGSVL-like traffic system; all vehicles of a run share the scheduler."""
 
     def __init__(self, switches: Switches, constants: Constants, scheduler: Scheduler) -> None:
         super().__init__()
@@ -189,8 +183,7 @@ class Pilot(Follower):
 def listed(seen: Observation) -> bool:
     """Return whether a driver with deficiency I5, on a left turn beyond its line, yields to an oncoming vehicle.
 
-    The driver looks only at vehicles from the opposite entrance: it yields to vehicles on the approach that do not turn left, and
-    to vehicles in the junction that go straight on.
+    The driver yields to vehicles on the approach that do not turn left, and to vehicles in the junction that go straight on.
     """
     return any(
         (other.zone is Zone.JUNCTION and other.turn is Turn.STRAIGHT and in_the_way(seen, other))

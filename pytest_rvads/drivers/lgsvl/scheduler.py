@@ -88,15 +88,11 @@ class _Waiting(NamedTuple):
 
 
 class Scheduler:
-    """Lets vehicles into the junction one after another.
+    """Lets vehicles of a roster into the junction one after another.
 
     Vehicles join the queue in the order in which they were created. So of two vehicles that arrive in the same tick, the vehicle
-    that was created first goes first. This is deficiency I3.
-
-    Args:
-        roster: names of the vehicles that obey the scheduler.
-        ties_ignored: whether the scheduler has deficiency I3. If not, of vehicles that arrive together a vehicle without a
-            vehicle to its right goes first.
+    that was created first goes first. This is deficiency I3 (`ties_ignored`). Without it, of vehicles that arrive together, a
+    vehicle without a vehicle to its right goes first.
     """
 
     def __init__(self, roster: Iterable[str], ties_ignored: bool) -> None:
@@ -150,12 +146,7 @@ class Guarded(Protocol):
 
 
 class Box:
-    """The box that a scheduler with deficiency I2 guards instead of the junction.
-
-    Args:
-        box: centre and size of the box in the frame of the junction.
-        origin: pose of the frame of the junction on the map, see `frame`.
-    """
+    """The box that a scheduler with deficiency I2 guards instead of the junction, in the frame `origin`, see `frame`."""
 
     def __init__(self, box: ZoneBox, origin: Pose) -> None:
         self.box, self.origin = box, origin
@@ -184,11 +175,7 @@ class Box:
 
 
 class Whole:
-    """The whole junction, from the entrance vertices to the exit vertices, which a scheduler without deficiency I2 guards.
-
-    Args:
-        junction: the junction, whose movements end at the exit vertices.
-    """
+    """The whole junction, from the entrance vertices to the exit vertices, which a scheduler without deficiency I2 guards."""
 
     def __init__(self, junction: Junction) -> None:
         self._length = {(m.entrance, m.turn): m.length for m in junction.movements.values()}

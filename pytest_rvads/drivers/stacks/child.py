@@ -57,14 +57,7 @@ class StackTimeout(StackError):
 class Child:
     """The running process of a stack (an autopilot in another process).
 
-    Args:
-        command: the program and its arguments.
-        cwd: working directory of the program.
-        env: variables to add to the environment of the program.
-        grace: time that the program gets to exit after the message ``bye``, and again after SIGTERM [s].
-
-    Raises:
-        StackError: the program can't be started.
+    The process gets the time `grace` to exit after the message ``bye``, and again after SIGTERM [s].
     """
 
     def __init__(
@@ -160,8 +153,7 @@ class Child:
     def close(self, farewell: bytes = b"") -> None:
         """End the process and its descendants: send `farewell` and wait, send SIGTERM and wait, send SIGKILL.
 
-        Warns:
-            RuntimeWarning: a process can't be ended, or a process that can't be found still holds the standard output.
+        Processes that can't be ended, or can't be found, are named in a warning.
         """
         if self._closed:
             return

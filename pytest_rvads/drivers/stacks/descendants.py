@@ -37,12 +37,7 @@ _watched: dict[int, str] = {}
 
 
 class Descendants:
-    """All processes of a stack: the process that was started for it, and the descendants of this process.
-
-    Args:
-        leader: id of the process that was started for the stack, which leads a session of its own.
-        mark: value of the environment variable `MARK` in all processes of the stack.
-    """
+    """All processes of a stack: the leader of its session, its descendants, and the processes that have its `MARK`."""
 
     def __init__(self, leader: int, mark: str) -> None:
         self._leader, self._mark = leader, mark
@@ -101,11 +96,7 @@ def kill(stacks: Sequence[Descendants]) -> set[int]:
 
 
 def watch(leader: int, mark: str, grace: float) -> None:
-    """Report a stack to the guard, which ends the stack when this process ends.
-
-    Args:
-        grace: longest time for exiting after SIGTERM [s].
-    """
+    """Report a stack to the guard, which ends the stack, with a time for exiting after SIGTERM [s], when this process ends."""
     _watched[leader] = f"{leader} {mark} {grace}\n"
     _send(_watched[leader])
 

@@ -131,11 +131,7 @@ def quoted(data: bytes) -> str:
 
 
 def reset(seen: Observation, period: float, pedestrians: bool = False) -> dict[str, Any]:
-    """Return the content of the message ``reset`` for the run that begins with `seen`, as builtins.
-
-    Args:
-        period: time between two observations [s].
-    """
+    """Return the content of ``reset`` for the run that begins with `seen`, with an observation per `period` [s], as builtins."""
     itinerary, vehicle = seen.itinerary, seen.vehicle
     first = -itinerary.origin
     stations = [first + k for k in range(int(itinerary.end - first))] + [itinerary.end]  # a point per metre, and the end
@@ -256,8 +252,7 @@ class Beside(NamedTuple):
 class Format(ABC):
     """Encodes and decodes the messages about a scenario, and remembers its numbers of vehicles and lanes of entrances.
 
-    Args:
-        pedestrians: whether the stack reads pedestrians; else the messages are those of a scenario without pedestrians.
+    For a stack that reads no pedestrians, the messages are those of a scenario without pedestrians.
     """
 
     bye: bytes

@@ -150,12 +150,7 @@ class Process(TrafficSystem):
 
 
 class Pilot(Autopilot):
-    """The autopilot of a vehicle in a run, whose commands come from a process of the stack.
-
-    Args:
-        process: the stack.
-        number: index of the connection of the vehicle in `Process.connections`.
-    """
+    """The autopilot of a vehicle in a run, whose commands come from one of the connections of a `Process`."""
 
     own_limits = True
 
@@ -214,13 +209,8 @@ def _period(rate: Any, label: str) -> float:
 class Connection:
     """A running stack that has answered the hello message.
 
-    Args:
-        start: starts the process of the stack.
-        startup: longest real time until the stack answers ``hello``, and until it is ready for a scenario [s].
-        timeout: longest real time for a command [s].
-
-    Raises:
-        StackError: the process can't be started, or its hello message is not of this version of the protocol.
+    The limits of real time are `startup`, until the stack answers ``hello`` or is ready for a scenario, and `timeout` for a
+    command [s].
     """
 
     def __init__(self, start: Callable[[], Child], startup: float, timeout: float) -> None:
