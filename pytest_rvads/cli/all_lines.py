@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
     from pytest_rvads.report.outline import Block, Section
     from pytest_rvads.search.atlas import Atlas, Strip
-    from pytest_rvads.search.starts import Line
     from pytest_rvads.search.trials import Setting
 
 _HELP = (
@@ -63,8 +62,9 @@ def search_all(options: argparse.Namespace, setting: Setting, executor: Executor
         raise RvadsError(
             f"-o must name a file to write, got {str(page)!r}, which can't be written ({error.strerror}): name another file"
         ) from error
-    atlases: list[Atlas] = []
+    certificates: list[dict[str, Any]] = []
     stopped: BaseException | None = None
+    differs = False
     for place in places(options):
         try:
             atlas = draw_atlas(
@@ -77,16 +77,17 @@ def search_all(options: argparse.Namespace, setting: Setting, executor: Executor
             )
         except (KeyboardInterrupt, RvadsError) as error:  # what was found at the junctions before is shown
             stopped = error
-            if atlases:
+            if certificates:
                 warn(f"rvads: INCOMPLETE: the search ended before junction {place.name}")
             break
-        atlases.append(atlas)
+        certificates.append(_certificate(atlas, setting, options))
+        without_verdict = [starts for starts in (*atlas.strips, *atlas.differing) if starts.error]
+        differs = differs or bool(atlas.differing or without_verdict)
         if not options.json:
-            say(_summary(atlas))
-            for line, reason in _errors(atlas):
-                say(f"{line}: ERROR: {reason}")
-    if atlases:
-        certificates = [_certificate(atlas, setting, options) for atlas in atlases]
+            say(certificates[-1]["summary"])
+            for starts in without_verdict:
+                say(f"{starts.line}: ERROR: {starts.error}")
+    if certificates:
         write_file(page, _page(certificates).encode())
         if options.json:
             print(json.dumps({"version": 1, "atlases": certificates}))
@@ -94,27 +95,18 @@ def search_all(options: argparse.Namespace, setting: Setting, executor: Executor
             say(f"wrote {page}")
     if stopped:
         raise stopped
-    return 1 if any(atlas.differing or any(_errors(atlas)) for atlas in atlases) else 0
-
-
-def _errors(atlas: Atlas) -> Iterator[tuple[Line, str]]:
-    """Yield every line of starts (starts of two vehicles whose ways conflict) with a run that has no verdict, and the reason."""
-    yield from ((strip.line, strip.error) for strip in atlas.strips if strip.error)
-    yield from ((probe.line, probe.error) for probe in atlas.differing if probe.error)
-
-
-def _summary(atlas: Atlas) -> str:
-    simulated = sum(len(strip.simulated) for strip in atlas.strips)
-    drawn = [strip for strip in atlas.strips if strip.pieces]
-    inferred = sum(strip.pieces[-1].last - strip.pieces[0].first + 1 - len(strip.simulated) for strip in drawn)
-    return (
-        f"{atlas.place.name}: {plural(len(atlas.strips), 'line')} of starts, {simulated:,} starts simulated, {inferred:,} "
-        f"inferred; {len(atlas.differing)} of {atlas.probes:,} random starts differ"
-    )
+    return 1 if differs else 0
 
 
 def _certificate(atlas: Atlas, setting: Setting, options: argparse.Namespace) -> dict[str, Any]:
     """Return the atlas of a junction (verdicts of all starts of two vehicles) as a JSON object; leads are in seconds."""
+    simulated = sum(len(strip.simulated) for strip in atlas.strips)
+    drawn = [strip for strip in atlas.strips if strip.pieces]
+    inferred = sum(strip.pieces[-1].last - strip.pieces[0].first + 1 - len(strip.simulated) for strip in drawn)
+    summary = (
+        f"{atlas.place.name}: {plural(len(atlas.strips), 'line')} of starts, {simulated:,} starts simulated, {inferred:,} "
+        f"inferred; {len(atlas.differing)} of {atlas.probes:,} random starts differ"
+    )
     return {
         "junction": atlas.place.name,
         "digest": atlas.place.digest,
@@ -122,7 +114,7 @@ def _certificate(atlas: Atlas, setting: Setting, options: argparse.Namespace) ->
         "simulator": setting.simulator.name,
         **({"pedestrians": options.pedestrians} if options.pedestrians else {}),
         "rules": [rule.name for rule in setting.rules if rule.concerns(atlas.place)],
-        "summary": _summary(atlas),
+        "summary": summary,
         "groups": [[_strip(strip, setting, options) for strip in group] for group in atlas.groups],
         "probes": atlas.probes,
         "differing": [
@@ -223,9 +215,7 @@ class Band(NamedTuple):
     mark: Mark
     faint: bool
     label: str
-    """Text inside the band, if there is room."""
     hint: str
-    """Text that appears under the pointer."""
 
 
 class StripRow(NamedTuple):

@@ -55,15 +55,8 @@ def declare(commands: Subparsers) -> None:
         "--aggression", type=int, choices=(1, 2, 3), default=1, help="with pedals: braking level of the vehicle (default: 1)"
     )
     share(dynamics, "json", "svg")
-    dynamics.set_defaults(command=_measure)
-
-
-def _measure(options: argparse.Namespace) -> int:
-    if options.what == "braking":
-        if options.sut:
-            raise ScenarioError("`rvads dynamics braking` takes a traffic policy by --autopilot: leave --sut out")
-        return _braking(options)
-    return _pedals(options) if options.what == "pedals" else _driving(options)
+    measures = {"driving": _driving, "braking": _braking, "pedals": _pedals}
+    dynamics.set_defaults(command=lambda options: measures[options.what](options))
 
 
 def _braking(options: argparse.Namespace) -> int:
@@ -71,6 +64,8 @@ def _braking(options: argparse.Namespace) -> int:
     from pytest_rvads.report.draw.curves import draw_braking
     from pytest_rvads.simulators.simulator import named, vmax
 
+    if options.sut:
+        raise ScenarioError("`rvads dynamics braking` takes a traffic policy by --autopilot: leave --sut out")
     limit = partial(vmax, simulator=named(options.simulator, Path.cwd()))
     curves = envelope(_DISTANCES, limit=limit)
     title = "v(d)max of the plant, full service brake"

@@ -72,7 +72,6 @@ class RunAnswer:
     vehicles: int
     """Number of judged vehicles."""
     records: tuple[Record, ...] = ()
-    """A record per rule."""
     warnings: tuple[str, ...] = ()
     errors: tuple[str, ...] = ()
     """Reasons why rules could not judge the run, a sentence each."""
@@ -97,7 +96,6 @@ class Batch:
     """Number of runs in the file."""
     answers: tuple[RunAnswer, ...] = ()
     error: str = ""
-    """Reason why the file could not be read."""
     last: bool = True
     """Whether no further part of the file comes."""
 

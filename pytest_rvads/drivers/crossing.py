@@ -7,7 +7,6 @@ refers to the vehicle whose driver decides.
 from __future__ import annotations
 
 import math
-from collections.abc import Set
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -53,7 +52,8 @@ class Meetings:
         meetings = self._cache.get(other.name)
         if meetings is None:
             own_key, junction = self._key, self._junction
-            shared, yields = junction.stretches or {}, _settled(junction)
+            shared = junction.stretches or {}
+            yields = {pair for pair, reason in (junction.yields or {}).items() if reason is not Reason.UNDECIDED}
             keys = [way.key for way in junction.by_turn[other.entrance, other.turn]]
             meetings = self._cache[other.name] = tuple(
                 Meeting(shared[own_key, key], (own_key, key) in yields, (key, own_key) in yields, _bend_speed(junction, key))
@@ -61,11 +61,6 @@ class Meetings:
                 if (own_key, key) in shared
             )
         return meetings
-
-
-def _settled(junction: Junction) -> Set[tuple[Key, Key]]:
-    """Return the pairs of movements whose first movement gives way to the second, without pairs that the map leaves undecided."""
-    return {pair for pair, reason in (junction.yields or {}).items() if reason is not Reason.UNDECIDED}
 
 
 @lru_cache(maxsize=4096)
@@ -102,8 +97,9 @@ def may_meet(junction: Junction, vehicle: tuple[int, Turn], other_vehicle: tuple
 @lru_cache(maxsize=4096)
 def may_yield(junction: Junction, vehicle: tuple[int, Turn], other_vehicle: tuple[int, Turn]) -> bool:
     """Return whether a possible movement of `vehicle` has to give way to a possible movement of `other_vehicle`."""
-    pairs, ways = _settled(junction), junction.by_turn
-    return any((way.key, other_way.key) in pairs for way in ways[vehicle] for other_way in ways[other_vehicle])
+    yields, ways = junction.yields or {}, junction.by_turn
+    pairs = ((way.key, other_way.key) for way in ways[vehicle] for other_way in ways[other_vehicle])
+    return any(yields.get(pair, Reason.UNDECIDED) is not Reason.UNDECIDED for pair in pairs)
 
 
 def not_queued(seen: Observation) -> list[tuple[int, VehicleState]]:

@@ -114,8 +114,11 @@ class GiveWay:
     def _blocked(self, seen: Observation, other: VehicleState, earlier: bool) -> bool:
         """Return whether the own vehicle has to wait for `other`."""
         if other.zone >= JUNCTION:
-            red = seen.lights[seen.me.entrance] is _RED
-            return not all(self._fits(seen, other, m, MARGIN if m.mine or red else 0.0) for m in self._meetings.of(other))
+            for meeting in self._meetings.of(other):
+                margin = MARGIN if meeting.mine or seen.lights[seen.me.entrance] is _RED else 0.0
+                if not (self._after(seen, other, meeting) or self._before(seen, other, meeting, margin)):
+                    return True
+            return False
         colour = seen.lights[other.entrance]
         runs = runs_through(seen, other)
         if not runs and (colour is _RED or (colour is _YELLOW and other.speed < MOVING)):
@@ -133,7 +136,8 @@ class GiveWay:
             else:
                 # `other` may have set off from its line while the own vehicle still stands at its line.
                 sets_off = queue.setting_off(other) and not queue.setting_off(seen.me) and queue.stood(seen.me)
-                passes = not (runs or sets_off) or self._fits(seen, other, meeting, MARGIN / 2.0)
+                passes = not (runs or sets_off) or self._after(seen, other, meeting)
+                passes = passes or self._before(seen, other, meeting, MARGIN / 2.0)
             if not passes:
                 return True
         return False
@@ -158,10 +162,6 @@ class GiveWay:
         if meeting.mine or meeting.yours:
             return meeting.mine
         return other.station > me.station or (other.station == me.station and earlier)
-
-    def _fits(self, seen: Observation, other: VehicleState, meeting: Meeting, margin: float) -> bool:
-        """Return whether the own vehicle passes the shared stretch before or after `other`, if `other` does not stop."""
-        return self._after(seen, other, meeting) or self._before(seen, other, meeting, margin)
 
     def _before(self, seen: Observation, other: VehicleState, meeting: Meeting, margin: float) -> bool:
         """Return whether the own vehicle will have left the shared stretch at least `margin` [s] before `other` can arrive.
@@ -239,19 +239,18 @@ class GiveWay:
         unlit = seen.lights[me.entrance] is Colour.NONE
         arrived = [(k, o) for k, o in enumerate(seen.others) if self._queue.arrived(o) and (unlit or self._meetings.of(o))]
         place = sum((since(other), k) < own_rank for k, other in arrived)
-        patience = PATIENCE_STEP if all(self._held(seen, other) for other in waits_for) else WAIVER
+        if self._all_stop:
+            held = all(self._came_first(seen, other) for other in waits_for)
+        else:
+            arrived_ways = [(o.entrance, o.turn) for o in seen.everybody() if self._queue.arrived(o)]
+            held = all(
+                seen.lights[other.entrance] is Colour.NONE
+                and any(may_yield(seen.junction, (other.entrance, other.turn), way) for way in arrived_ways)
+                for other in waits_for
+            )
+        patience = PATIENCE_STEP if held else WAIVER
         self._released = seen.time - self._quiet_since >= patience + PATIENCE_STEP * place
         return self._released
-
-    def _held(self, seen: Observation, other: VehicleState) -> bool:
-        """Return whether `other`, at its line, has to let another arrived vehicle go first."""
-        if self._all_stop:
-            return bool(self._came_first(seen, other))
-        junction, way, arrived = seen.junction, (other.entrance, other.turn), self._queue.arrived
-        unlit = seen.lights[other.entrance] is Colour.NONE
-        return unlit and any(
-            arrived(vehicle) and may_yield(junction, way, (vehicle.entrance, vehicle.turn)) for vehicle in seen.everybody()
-        )
 
 
 def clear_of_meetings(seen: Observation, meetings: Meetings) -> float:

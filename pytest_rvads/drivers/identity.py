@@ -12,7 +12,6 @@ import ast
 import io
 import pickle
 import sys
-from collections.abc import Iterator
 from functools import lru_cache, partial
 from hashlib import sha256
 from pathlib import Path
@@ -120,28 +119,24 @@ def _sources(module: str, home: str) -> tuple[tuple[Path, str], ...]:
     pending = [own]
     while pending:
         file = pending.pop()
-        if file not in files:
-            text = file.read_bytes()
-            files[file] = sha256(text).hexdigest()
-            pending += _imported_files(file, folder, text)
+        if file in files:
+            continue
+        text = file.read_bytes()
+        files[file] = sha256(text).hexdigest()
+        try:
+            tree = ast.parse(text)
+        except (SyntaxError, ValueError, RecursionError):
+            continue
+        for node in ast.walk(tree):
+            start, names = folder, []
+            if isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom):
+                start = file.parents[node.level - 1] if 0 < node.level <= len(file.parents) else folder
+                names = [".".join(filter(None, (node.module, alias.name))) for alias in node.names]
+            for name in names:
+                place = start
+                for part in name.split("."):
+                    place /= part
+                    pending += filter(Path.is_file, (place.with_name(f"{part}.py"), place / "__init__.py"))
     return tuple(files.items())
-
-
-def _imported_files(file: Path, folder: Path, text: bytes) -> Iterator[Path]:
-    """Yield the files inside of `folder` that the import statements of a module can refer to."""
-    try:
-        tree = ast.parse(text)
-    except (SyntaxError, ValueError, RecursionError):
-        return
-    for node in ast.walk(tree):
-        start, names = folder, []
-        if isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom):
-            start = file.parents[node.level - 1] if 0 < node.level <= len(file.parents) else folder
-            names = [".".join(filter(None, (node.module, alias.name))) for alias in node.names]
-        for name in names:
-            place = start
-            for part in name.split("."):
-                place /= part
-                yield from filter(Path.is_file, (place.with_name(f"{part}.py"), place / "__init__.py"))

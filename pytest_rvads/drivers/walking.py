@@ -61,7 +61,8 @@ Pace = Callable[[Sight], float]
 class Behaviour(NamedTuple):
     """How a pedestrian walks."""
 
-    make: Callable[[], Pace]
+    make: Callable[[], Pace] | None = None
+    """Makes the pace of a pedestrian; None if the pedestrian walks on at `speed` without regard to vehicles."""
     speed: float = WALKING
     """Speed at which the pedestrian walks unless something holds the pedestrian up [m/s]."""
     lawful: bool = True
@@ -79,21 +80,13 @@ class Behaviour(NamedTuple):
 
     def pace(self) -> Pace:
         """Return the pace of a new pedestrian, who waits at the kerb for WALK if the behaviour is lawful."""
-        walk = self.make()
+        walk = self.make() if self.make else lambda _: self.speed
 
         def obey(sight: Sight) -> float:
             at_kerb = -KERB <= sight.station <= 0.0
             return 0.0 if at_kerb and self.obeys(sight.light) else walk(sight)
 
         return obey
-
-
-def _steady() -> Pace:
-    return lambda _: WALKING
-
-
-def _runs() -> Pace:
-    return lambda _: RUNNING
 
 
 def _yields(sight: Sight) -> float:
@@ -133,15 +126,15 @@ def _waits(sight: Sight) -> float:
 
 
 BEHAVIOURS = {
-    "steady": Behaviour(_steady),
+    "steady": Behaviour(),
     "yields": Behaviour(lambda: _yields, kerb=True),
-    "darts": Behaviour(_runs, RUNNING),
+    "darts": Behaviour(speed=RUNNING),
     "stops": Behaviour(_stops),
     "returns": Behaviour(_returns),
-    "against": Behaviour(_steady, lawful=False),
-    "group": Behaviour(_steady, people=3),
+    "against": Behaviour(lawful=False),
+    "group": Behaviour(people=3),
     "waits": Behaviour(lambda: _waits, kerb=True),
-    "hidden": Behaviour(_steady, parked=True),
+    "hidden": Behaviour(parked=True),
 }
 """Behaviours by name.
 

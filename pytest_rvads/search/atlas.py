@@ -36,7 +36,6 @@ class Piece:
     last: int
     """Greatest lead of the piece [steps of `STEP`]."""
     start: Start
-    """A simulated start of the piece."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -282,10 +282,10 @@ class _Trial:
 def score(verdict: Verdict, apart: float) -> float:
     """Return how near a run was to a violation; a greater number is nearer.
 
-    If the rule applied, the number is the greatest margin of its instances [s] minus a share of `apart`, the shortest post-
-    encroachment time [s]. The share distinguishes runs by rules such as ``no_collision``, whose margin is 0 in every run without
-    a violation. If the rule did not apply, the number is far below, and is the lower the more conditions of the rule's premise
-    were false.
+    If the rule applied, the number is the greatest margin of its instances [s] minus a share of `apart`, the shortest
+    post-encroachment time [s]. The share distinguishes runs by rules such as ``no_collision``, whose margin is 0 in every run
+    without a violation. If the rule did not apply, the number is far below, and is the lower the more conditions of the rule's
+    premise were false.
     """
     margins = [i.margin for i in verdict.instances if i.margin is not None]
     if verdict.status is Status.NA:

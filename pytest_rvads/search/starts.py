@@ -83,7 +83,6 @@ class Line:
     seat: int
     """Entrance of the subject."""
     begin: Begin = Begin.MOVING
-    """What the subject does at the beginning."""
     walker: Pedestrian | None = None
     """The pedestrian, without a difference of arrivals; None on a line with another vehicle."""
 

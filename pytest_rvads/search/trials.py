@@ -68,7 +68,6 @@ class Setting:
     """The driver, traffic, rules, vehicles and simulator that all starts have in common."""
 
     driver: Factory
-    """Drives the subject."""
     rules: tuple[Rule, ...]
     traffic: Policy | None
     """Drives the other vehicle; None if the driver drives both vehicles."""

@@ -155,7 +155,6 @@ _STRAIGHT = 0.02
 _PRESSED, _FREE = 0.02, 0.001
 """Least position of a pressed pedal and greatest position of the other pedal."""
 _BAND = 0.1
-"""Width of the bands of positions."""
 
 
 class Used(NamedTuple):

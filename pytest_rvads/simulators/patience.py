@@ -197,7 +197,12 @@ class _Watchdog:
                     elif watch.overdue and watch.signalled:
                         signal.pthread_kill(watch.thread, _SIGNAL)  # type: ignore[arg-type]
                     elif watch.overdue:
-                        _raise(watch.thread)
+                        # The request is never cancelled: after a cancellation, Python 3.11 would keep searching every thread for
+                        # the exception, and a traced thread would never end.
+                        import ctypes
+
+                        thread, late = ctypes.c_ulong(watch.thread), ctypes.py_object(TooLate)
+                        ctypes.pythonapi.PyThreadState_SetAsyncExc(thread, late)
 
     def _put_off(self, limits: Limits) -> None:
         """Set, or set anew, the timer that ends the process when a time limit and `_GRACE` are over."""
@@ -231,17 +236,6 @@ def _interrupt(_number: int, frame: FrameType | None) -> None:
     """Raise `TooLate` in the main thread, except while this thread opens or closes a watch."""
     if frame is not None and frame.f_code.co_filename != __file__ and _WATCHDOG.late(threading.get_ident()):
         raise TooLate
-
-
-def _raise(thread: int) -> None:
-    """Make a thread raise `TooLate` when it next runs Python code.
-
-    The request is never cancelled: after a cancellation, Python 3.11 would keep searching every thread for the exception, and a
-    traced thread would never end.
-    """
-    import ctypes
-
-    ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), ctypes.py_object(TooLate))
 
 
 class Choice(NamedTuple):

@@ -24,7 +24,6 @@ class Walker:
     """A pedestrian, or a parked vehicle, in a run with vehicles on their itineraries."""
 
     state: VehicleState
-    """The last sampled state."""
 
     def __init__(self, junction: Junction, setting: Setting, itineraries: Sequence[Itinerary]) -> None:
         agent = setting.agent

@@ -48,7 +48,13 @@ class Descendants:
 
     def living(self) -> set[int]:
         """Return the ids of the running processes of the stack; a zombie counts as ended, but its children are recognised."""
-        table = {process: _kin(process) for process in psutil.process_iter(["ppid", "status", "num_threads", "environ"])}
+        table = {}
+        for process in psutil.process_iter(["ppid", "status", "num_threads", "environ"]):
+            try:
+                kin = process.info["ppid"], os.getpgid(process.pid), os.getsid(process.pid)
+            except OSError:  # it has ended
+                kin = process.info["ppid"], -1, -1
+            table[process] = kin  # the ids of its parent, of its process group and of its session
         ours = {
             process
             for process, kin in table.items()
@@ -64,14 +70,6 @@ class Descendants:
         self.groups |= {table[process][1] for process in ours} - {0, 1, os.getpgrp()}  # `os.kill` takes 0 and 1 for other groups
         # Threads can outlive the main thread, whose end makes the process look like a zombie.
         return {p.pid for p in ours if p.info["status"] != psutil.STATUS_ZOMBIE or (p.info["num_threads"] or 0) > 1}
-
-
-def _kin(process: psutil.Process) -> tuple[int, int, int]:
-    """Return the ids of the parent, of the process group and of the session of a process; -1 for what has ended."""
-    try:
-        return process.info["ppid"], os.getpgid(process.pid), os.getsid(process.pid)
-    except OSError:
-        return process.info["ppid"], -1, -1
 
 
 def dismiss(stacks: Sequence[Descendants], grace: float) -> None:
@@ -162,8 +160,7 @@ def _signal(pids: set[int], number: signal.Signals) -> None:
             os.kill(pid, number)
 
 
-def _run_guard() -> None:
-    """Run the guard: read lines about starts and ends of stacks until the input ends; then end the stacks that still run."""
+if __name__ == "__main__":  # the guard reads about starts and ends of stacks until its input ends, and ends those that still run
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     stacks: dict[str, tuple[str, float]] = {}
@@ -176,7 +173,3 @@ def _run_guard() -> None:
     running = [Descendants(int(leader), mark) for leader, (mark, _) in stacks.items()]
     dismiss(running, max([0.0, *(grace for _, grace in stacks.values())]))
     kill(running)
-
-
-if __name__ == "__main__":
-    _run_guard()

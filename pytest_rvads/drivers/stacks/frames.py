@@ -20,7 +20,6 @@ from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.runs.states import Kind, VehicleState
 
 RESET, READY, OBSERVE, COMMAND, BYE = 1, 2, 3, 4, 5
-"""Kinds of frames."""
 ENTRANCES, OTHERS, POINTS = 32, 63, 64
 """Largest numbers of entrances (or exits), of other vehicles, and of points of a trajectory in a frame."""
 HEADER = struct.Struct("<2I")

@@ -210,7 +210,8 @@ def _crosswalks(junction: Junction) -> dict[str, Any]:
     for (number, key), stretch in sorted(junction.covers.items()):
         shared = (junction.stretches or {}).get((key, junction.further[2 * number].way.key))
         walk = shared.yours if shared else Stretch(0.0, junction.crossings[number].path.length)
-        covers.append({"crosswalk": number, "movement": index[key], **_span(stretch, ""), **_span(walk, "walk_")})
+        covers.append({"crosswalk": number, "movement": index[key], "start": stretch.start, "end": stretch.end})
+        covers[-1] |= {"walk_start": walk.start, "walk_end": walk.end}
     return {
         "crosswalks": [
             {
@@ -226,10 +227,6 @@ def _crosswalks(junction: Junction) -> dict[str, Any]:
         ],
         "covers": covers,
     }
-
-
-def _span(stretch: Stretch, prefix: str) -> dict[str, float]:
-    return {f"{prefix}start": stretch.start, f"{prefix}end": stretch.end}
 
 
 def _points(segment: Segment | None) -> list[Pose]:
@@ -341,9 +338,13 @@ class Json(Format):
             "lights": [_COLOURS[colour] for colour in self.lights(seen)],
         }
         if self.pedestrians:
-            walkers, parked = self.beside(seen)
-            content["pedestrians"] = [self._beside(*one) for one in walkers]
-            content["parked"] = [self._beside(*one) for one in parked]
+            content["pedestrians"], content["parked"] = (
+                [
+                    _Beside(self.number(s), s.name, s.kind.value, crosswalk, _SIDES[side], _ZONES[s.zone], *s[4:12])
+                    for s, crosswalk, side in agents
+                ]
+                for agents in self.beside(seen)
+            )
             content["walks"] = [_COLOURS[colour] for colour in self.walks(seen)]
         return _encode(content) + b"\n"
 
@@ -351,10 +352,6 @@ class Json(Format):
         """Return the command in the next line, the compute time that the stack reports [s], and the answered step."""
         message = read(child.line(limit), Answer)
         return message.command(), message.compute, message.step
-
-    def _beside(self, state: VehicleState, crosswalk: int, side: int) -> _Beside:
-        zone, kind = _ZONES[state.zone], state.kind.value
-        return _Beside(self.number(state), state.name, kind, crosswalk, _SIDES[side], zone, *state[4:12])
 
 
 class _Beside(Struct, gc=False):

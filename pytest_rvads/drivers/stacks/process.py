@@ -28,6 +28,7 @@ from pytest_rvads.support.errors import AutopilotError
 from pytest_rvads.support.wording import one_line
 
 _FORMATS: dict[str, Callable[[bool], messages.Format]] = {"json": messages.Json, "binary": frames.Binary}
+_EARLY = "it wrote {} before it was asked: read a message, then answer it once"
 _DAY = 86400.0
 """Longest compute time of a decision that is accepted in the report of a stack [s]."""
 RATE = 20.0
@@ -89,7 +90,6 @@ class Process(TrafficSystem):
             if not (isinstance(limit, Real) and math.isfinite(limit) and limit > 0):
                 raise AutopilotError(f"{name} must be a number of seconds above 0, got {limit!r}")
         self.label: str = one_line(f"stack {shlex.join(self.command)}")
-        """Name of the stack in reports."""
         self._period = None if rate is None else _period(rate, self.label)
         self._limits = max(3 * timeout, 15.0) if startup is None else startup, timeout
         self._place = cwd, env, grace
@@ -243,7 +243,8 @@ class Connection:
             early = self.child.pending()
             self.child.send(self._format.begin(content), self._startup)
             self._format.ready(self.child, self._startup)
-            _refuse(early)
+            if early:  # checked after the answer, because an error in the answer explains more
+                raise StackError(_EARLY.format(messages.quoted(early)))
         except StackError as error:
             raise self.failed(error) from None
 
@@ -259,7 +260,8 @@ class Connection:
                 # After a second answer to an observation, every later answer would be taken for the answer to another
                 # observation.
                 raise StackError(f"it answered step {step}, expected step {self._step}: answer every observation once")
-            _refuse(early)
+            if early:
+                raise StackError(_EARLY.format(messages.quoted(early)))
             if compute is not None and not 0.0 <= compute <= _DAY:
                 raise StackError(f"it says that it computed for {compute:g} s, expected 0 to {_DAY:g}")
         except StackError as error:
@@ -275,12 +277,3 @@ class Connection:
     def close(self, *, farewell: bool = False) -> None:
         """End the process; with `farewell`, the message ``bye`` is sent first, so that the stack can exit by itself."""
         self.child.close(self._format.bye if farewell else b"")
-
-
-def _refuse(early: bytes) -> None:
-    """Raise an error if the stack wrote bytes before it was asked.
-
-    Callers check the answer first, because an error in the answer explains more.
-    """
-    if early:
-        raise StackError(f"it wrote {messages.quoted(early)} before it was asked: read a message, then answer it once")
