@@ -81,12 +81,13 @@ def search_all(options: argparse.Namespace, setting: Setting, executor: Executor
                 warn(f"rvads: INCOMPLETE: the search ended before junction {place.name}")
             break
         certificates.append(_certificate(atlas, setting, options))
-        without_verdict = [starts for starts in (*atlas.strips, *atlas.differing) if starts.error]
+        without_verdict = [(strip.line, strip.error) for strip in atlas.strips if strip.error]
+        without_verdict += [(probe.line, probe.error) for probe in atlas.differing if probe.error]
         differs = differs or bool(atlas.differing or without_verdict)
         if not options.json:
             say(certificates[-1]["summary"])
-            for starts in without_verdict:
-                say(f"{starts.line}: ERROR: {starts.error}")
+            for line, reason in without_verdict:
+                say(f"{line}: ERROR: {reason}")
     if certificates:
         write_file(page, _page(certificates).encode())
         if options.json:
