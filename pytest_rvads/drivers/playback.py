@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pytest_rvads.drivers.commands import PLACE_GAIN, SPEED_GAIN
 from pytest_rvads.drivers.follower import STANDING, Follower
@@ -44,7 +43,6 @@ class Replay(TrafficSystem):
         if run.station is None or run.speed is None:
             raise RunError(f"run {run.label!r} holds no positions and speeds, so it can't be replayed as traffic")
         self.run = run
-        self._motion = run.station, run.speed
 
     def __call__(self) -> Replay:
         """Return this object as the traffic system of another run, because it keeps no state between runs."""
@@ -69,24 +67,17 @@ class Replay(TrafficSystem):
             recorded = next((candidate for candidate in candidates if candidate[1].name == agent.name), candidates[0])
             unused.remove(recorded)
             chosen.append(recorded[0])
-        station, speed = self._motion
-        controls = self.run.controls
-        return [_Playback(self.run.dt, station[:, k], speed[:, k], None if controls is None else controls[:, k]) for k in chosen]
+        return [_Playback(self.run, column) for column in chosen]
 
 
 class _Playback(Follower):
     """An autopilot that follows the recorded stations and speeds of a vehicle."""
 
-    def __init__(
-        self,
-        dt: float,
-        station: NDArray[np.float64],
-        speed: NDArray[np.float64],
-        controls: NDArray[np.float64] | None,
-    ) -> None:
-        self._dt = dt
-        self._times = np.arange(len(station)) * dt
-        self._station, self._speed, self._controls = station, speed, controls
+    def __init__(self, run: Run, column: int) -> None:
+        self._dt = run.dt
+        self._times = np.arange(run.steps) * run.dt
+        self._station, self._speed = run.need("station")[:, column], run.need("speed")[:, column]
+        self._controls = None if run.controls is None else run.controls[:, column]
         # After a vehicle has left, a run repeats the last state of the vehicle; these copies are not followed.
         moves = np.flatnonzero((np.diff(self._station) != 0.0) | (self._speed[1:] < STANDING))
         self._last = int(moves[-1]) + 1 if len(moves) else 0
