@@ -55,7 +55,7 @@ class Replay(TrafficSystem):
             ScenarioError: the recording has fewer vehicles with a movement than the scenario.
         """
         unused = list(enumerate(self.run.agents))
-        chosen = []
+        playbacks = []
         for agent in agents:
             candidates = [candidate for candidate in unused if candidate[1].way.key == agent.way.key]
             if not candidates:
@@ -66,8 +66,8 @@ class Replay(TrafficSystem):
             # Of several vehicles with this movement, the vehicle with the agent's name is taken, or if there is none, the first.
             recorded = next((candidate for candidate in candidates if candidate[1].name == agent.name), candidates[0])
             unused.remove(recorded)
-            chosen.append(recorded[0])
-        return [_Playback(self.run, column) for column in chosen]
+            playbacks.append(_Playback(self.run, recorded[0]))
+        return playbacks
 
 
 class _Playback(Follower):

@@ -17,14 +17,7 @@ from numbers import Real
 from typing import Any
 
 from pytest_rvads.drivers.commands import Tracker, UnfitCommand, plain
-from pytest_rvads.drivers.interface import (
-    Acceleration,
-    Command,
-    Control,
-    Factory,
-    Observation,
-    wrong_label,
-)
+from pytest_rvads.drivers.interface import Acceleration, Command, Control, Factory, Observation, wrong_label
 from pytest_rvads.drivers.naming import name_of
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.runs.run import DT, FAULT, LATE, Halt
