@@ -119,8 +119,7 @@ class Watch:
     def look(self, now: float) -> bool:
         """Return whether the run advanced since the last call, within its limits; an exceeded limit is noted in `late`.
 
-        Args:
-            now: the time, see `_Watchdog.clock` [s].
+        `now` is the time by `_Watchdog.clock` [s].
         """
         asked = self.asked
         got_on = asked is None or asked is not self._latest
