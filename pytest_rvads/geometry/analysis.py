@@ -64,7 +64,6 @@ class JunctionReport:
     right_of: Pairs
     """Pairs of arms of which the first is to the right of the second (paper, table of semantics)."""
     opposite: Pairs
-    """Pairs of opposite arms."""
     phase_groups: tuple[frozenset[int], ...]
     """Groups of entrances that have green together."""
     setbacks: tuple[float, ...]
@@ -125,10 +124,12 @@ def cut(graph: MetricGraph, id: str) -> Cut:
     paths, direct = paths_of(graph, id), graph.network.junctions[id].direct
     gaps = [widest_gap(graph, path) for path in paths]
     whole = [path for path, (gap, _) in zip(paths, gaps, strict=True) if gap <= GAP_LIMIT]
-    pairs, arms = _ends(graph, paths, direct)
+    pairs = (*((path.entrance, path.exit) for path in paths), *direct)
+    arms = arms_of(graph, pairs)
     if len(whole) == len(paths):
         return Cut(id, tuple(paths), pairs, arms)
-    whole_pairs, whole_arms = _ends(graph, whole, direct)
+    whole_pairs = (*((path.entrance, path.exit) for path in whole), *direct)
+    whole_arms = arms_of(graph, whole_pairs)
     if {(bool(a.entrances), a.ends) for a in whole_arms} != {(bool(a.entrances), a.ends) for a in arms}:
         return Cut(id, tuple(paths), pairs, arms)
     worst, (lane, next_lane) = max(gaps)
@@ -137,13 +138,6 @@ def cut(graph: MetricGraph, id: str) -> Cut:
         f"linked but {worst:.2f} m apart"
     )
     return Cut(id, tuple(whole), whole_pairs, whole_arms, (message,))
-
-
-def _ends(
-    graph: MetricGraph, paths: Sequence[Path], direct: Sequence[tuple[str, str]]
-) -> tuple[tuple[tuple[str, str], ...], tuple[RoadArm, ...]]:
-    pairs = (*((path.entrance, path.exit) for path in paths), *direct)
-    return pairs, arms_of(graph, pairs)
 
 
 def joints_of(cuts: Iterable[Cut]) -> frozenset[str]:
@@ -179,8 +173,10 @@ def analyse(
     onward = {p.entrance for p in paths for arm in arms if p.entrance in arm.entrances and (uturns or p.exit not in arm.exits)}
     idle = {path.entrance for path in paths} - onward if onward else set()
     arms = tuple(replace(arm, entrances=tuple(lane for lane in arm.entrances if lane not in idle)) for arm in arms)
-    entrances = _lanes([arm.entrances for arm in arms])
-    exits = _lanes([arm.exits for arm in arms])
+    entrances, exits = (
+        tuple(LaneEnd(arm, lane, edge) for arm, edges in enumerate(lanes) for lane, edge in enumerate(edges))
+        for lanes in ([arm.entrances for arm in arms], [arm.exits for arm in arms])
+    )
     numbers = {end.edge: k for k, end in enumerate(entrances)}, {end.edge: k for k, end in enumerate(exits)}
     ways = [
         Route(numbers[0][path.entrance], numbers[1][path.exit], Turn.of(path.turning), path.length, path.turning, path)
@@ -228,19 +224,12 @@ def analyse(
         approach=tuple(math.fsum(graph.edges[edge].length for edge in edges) for edges in walks),
         right_of=right_of,
         opposite=opposite,
-        phase_groups=_phases(
-            network,
-            entrances,
-            opposite,
-            objects_of_entrances,
-            movements,
-            left_hand=left_hand,
-        ),
+        phase_groups=_phases(network, entrances, opposite, objects_of_entrances, movements, left_hand=left_hand),
         setbacks=tuple(0.0 if place else back for back, place in zip(setbacks, beyond, strict=True)),
         beyond=beyond,
         sign_setbacks=tuple(map(sign_setback_of, objects_of_entrances)),
-        stated=_stated(network, id, movements, graph),
-        joining=_joining(movements, graph),
+        stated=_stated(graph, id, movements),
+        joining=_joining(graph, movements),
         objects=tuple(objects),
         left_hand=left_hand,
         warnings=tuple(warnings),
@@ -266,10 +255,6 @@ def turns_of_arms(
         if (arm_number, other_number) not in turns:
             turns[arm_number, other_number] = Turn.of(math.remainder(other_arm.outward - arm.outward - math.pi, math.tau))
     return turns
-
-
-def _lanes(edges: Sequence[Sequence[str]]) -> tuple[LaneEnd, ...]:
-    return tuple(LaneEnd(arm, lane, edge) for arm, lanes in enumerate(edges) for lane, edge in enumerate(lanes))
 
 
 def right_of_pairs(turns: dict[tuple[int, int], Turn], *, left_hand: bool) -> Pairs:
@@ -342,7 +327,7 @@ def _phases(
     return tuple(frozenset(lit[k] for k in group) for group in groups)
 
 
-def _stated(network: Network, id: str, ways: Sequence[Route], graph: MetricGraph) -> frozenset[tuple[Key, Key]]:
+def _stated(graph: MetricGraph, id: str, ways: Sequence[Route]) -> frozenset[tuple[Key, Key]]:
     """Return the pairs of movements of which, by the priorities of roads in the file, the first gives way to the second."""
     by_road: dict[str, dict[Key, None]] = {}
     for way in ways:
@@ -350,7 +335,7 @@ def _stated(network: Network, id: str, ways: Sequence[Route], graph: MetricGraph
             by_road.setdefault(graph.edges[edge].road, {})[way.entrance, way.exit] = None
     pairs = {
         (yielding, prior)
-        for high, low in dict.fromkeys(network.junctions[id].priorities)
+        for high, low in dict.fromkeys(graph.network.junctions[id].priorities)
         for yielding in by_road.get(low, ())
         for prior in by_road.get(high, ())
         if yielding[0] != prior[0]
@@ -358,12 +343,8 @@ def _stated(network: Network, id: str, ways: Sequence[Route], graph: MetricGraph
     return frozenset(pairs - {(b, a) for a, b in pairs})
 
 
-def _joining(ways: Sequence[Route], graph: MetricGraph) -> frozenset[tuple[Key, Key]]:
-    """Return the pairs of movements into one exit of which the first joins the second.
-
-    The first movement comes from a ramp, an entry or exit lane or a lane that ends, and the second does not; or the second
-    movement comes along a motorway, and the first does not.
-    """
+def _joining(graph: MetricGraph, ways: Sequence[Route]) -> frozenset[tuple[Key, Key]]:
+    """Return the pairs of movements into one exit of which the first joins the second, see `Junction.joining`."""
 
     def rank(way: Route) -> tuple[bool, bool]:
         edges = [graph.edges[edge] for edge in (way.path.entrance, *way.path.edges)]
@@ -386,19 +367,16 @@ def _doubts(
     if not turns_in_order(((entrances[w.entrance].arm, exits[w.exit].arm, w.turning) for w in ways), arms):
         yield Doubt.ORDER, f"the movements of junction {id!r}, sorted by turn, do not follow the order of its exits"
     if not right_of:
-        yield (
-            Doubt.RIGHT_OF,
-            f"no entrance of junction {id!r} is right-of another (a Y junction), so the priority rules say nothing",
-        )
+        message = f"no entrance of junction {id!r} is right-of another (a Y junction), so the priority rules say nothing"
+        yield Doubt.RIGHT_OF, message
     count = Counter((way.entrance, way.exit) for way in ways)
     for entrance, exit in sorted(pair for pair in count if count[pair] > 1):
-        message = f"junction {id!r} has several movements from entrance {entrance} to exit {exit}; the shortest was taken"
-        yield Doubt.TABLE, message
+        yield (
+            Doubt.TABLE,
+            f"junction {id!r} has several movements from entrance {entrance} to exit {exit}; the shortest was taken",
+        )
     if control_of(signs) is JunctionControl.PARTIAL:
         bare = [str(i) for i, sign in enumerate(signs) if sign is Sign.NONE]
-        fault = (
-            f"entrances {', '.join(bare)} of junction {id!r} have no sign or light"
-            if bare
-            else f"the entrances of junction {id!r} mix signs and lights"
-        )
+        mixed = f"the entrances of junction {id!r} mix signs and lights"
+        fault = f"entrances {', '.join(bare)} of junction {id!r} have no sign or light" if bare else mixed
         yield Doubt.SIGNAL, f"{fault}, so its control is partial"

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -187,19 +187,15 @@ def offer(road_map: RoadMap) -> str:
 @lru_cache
 def _builtin(junction: str, kinds: Kinds | None) -> Junction:
     """Return a built-in junction; unlike a user's file, its file is not checked for changes."""
-    if kinds is None:
-        if junction not in NAMES:
-            raise MapError(
-                f"unknown junction {junction!r}: the built-in ones are {', '.join(NAMES)}, "
-                f"others need a map file{suggest(junction, NAMES)}"
-            )
-        candidates: Iterator[str] = iter([junction])
-    else:
-        candidates = iter(NAMES)
-    for name in candidates:
+    if kinds is None and junction not in NAMES:
+        raise MapError(
+            f"unknown junction {junction!r}: the built-in ones are {', '.join(NAMES)}, "
+            f"others need a map file{suggest(junction, NAMES)}"
+        )
+    for name in NAMES if kinds else (junction,):
         road_map, key = _load(path_of(name))
         report = road_map.junctions[0]
-        if kinds is None or kinds.fit(report):
+        if not kinds or kinds.fit(report):
             return replace(_junction(road_map, key, report.id, name), map=None)
     raise MapError(
         f"no built-in junction fits {junction!r}: they are {', '.join(NAMES)}, with 120 m of approach; give a map file"

@@ -29,7 +29,6 @@ class Position:
     """A position on a metric graph: a segment and a distance along it, the paper's ``s(-, eta)``."""
 
     segment: str
-    """Id of the segment."""
     eta: float
     """Distance from the beginning of the segment [m]."""
 
@@ -61,11 +60,7 @@ class Road:
 
 
 class MetricGraph:
-    """The metric graph of a network, on `networkx.MultiDiGraph`, and its line graph.
-
-    Args:
-        network: the network, from a reader of map files.
-    """
+    """The metric graph of a network, on `networkx.MultiDiGraph`, and its line graph."""
 
     def __init__(self, network: Network) -> None:
         self.network = network

@@ -145,14 +145,7 @@ class Place:
 
 
 class Track:
-    """Consecutive segments of a metric graph, such as an itinerary.
-
-    Args:
-        segments: at least one segment, each starting where the segment before ends.
-
-    Raises:
-        MapError: there is no segment, or two segments are not consecutive.
-    """
+    """Consecutive segments of a metric graph, at least one, such as an itinerary."""
 
     def __init__(self, segments: Sequence[Segment]) -> None:
         path = join(segments) if segments else None
@@ -183,11 +176,7 @@ class Track:
 
 
 class Locator:
-    """Finds the segments that a pose can be on, by a grid of cells over the plane.
-
-    Args:
-        segments: the segments of a metric graph.
-    """
+    """Finds the segments that a pose can be on, by a grid of cells over the plane."""
 
     def __init__(self, segments: Iterable[Segment]) -> None:
         self._cells: dict[tuple[int, int], list[tuple[Segment, int]]] = {}

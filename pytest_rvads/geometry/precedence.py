@@ -124,9 +124,11 @@ class Precedence:
         if ranks[0] != ranks[1]:
             return Reason.SIGN if ranks[0] < ranks[1] else None
         if (entrance, other_entrance) in self.opposite:
-            if self._across(key) != self._across(other_key):
-                return Reason.TURN if self._across(key) else None
-            if self._across(key):
+            turn = Turn.RIGHT if self.left_hand else Turn.LEFT
+            across, other_across = way.turn is turn, other_way.turn is turn
+            if across != other_across:
+                return Reason.TURN if across else None
+            if across:
                 return None
         elif start.sign is other_start.sign is Sign.LIGHTS:
             return None
@@ -137,9 +139,6 @@ class Precedence:
                 return Reason.UNDECIDED
         return Reason.RIGHT if self._from_right(entrance, other_entrance) else None
 
-    def _across(self, key: Key) -> bool:
-        return self.ways[key].turn is (Turn.RIGHT if self.left_hand else Turn.LEFT)
-
     def _from_right(self, entrance: int, other_entrance: int) -> bool:
         """Return whether `other_entrance` lies to the right of `entrance`, or, where traffic keeps left, to the left.
 
@@ -147,15 +146,14 @@ class Precedence:
         such as two entrances that face each other, the paper's relation ``right-of`` decides. If this relation does not hold in
         either order, the angle between the two entrances decides.
         """
-        right = self._right_by_place(entrance, other_entrance)
-        if right != self._right_by_place(other_entrance, entrance):
+        pose, other_pose = self._poses[entrance], self._poses[other_entrance]
+        # Whether the second entrance lies to the right of the line along which traffic enters at the first, and the reverse.
+        right, other_right = (
+            math.sin(heading) * (u - x) - math.cos(heading) * (v - y) > 0.0
+            for (x, y, heading), (u, v, _) in ((pose, other_pose), (other_pose, pose))
+        )
+        if right != other_right:
             return right != self.left_hand
         if (other_entrance, entrance) in self.right_of or (entrance, other_entrance) in self.right_of:
             return (other_entrance, entrance) in self.right_of
-        turned = (self._poses[other_entrance].heading - self._poses[entrance].heading) % math.tau
-        return (turned < math.pi - _AHEAD) != self.left_hand
-
-    def _right_by_place(self, entrance: int, other_entrance: int) -> bool:
-        """Return whether entrance `other_entrance` lies to the right of the line along which traffic enters at `entrance`."""
-        (x, y, heading), (u, v, _) = self._poses[entrance], self._poses[other_entrance]
-        return math.sin(heading) * (u - x) - math.cos(heading) * (v - y) > 0.0
+        return ((other_pose.heading - pose.heading) % math.tau < math.pi - _AHEAD) != self.left_hand

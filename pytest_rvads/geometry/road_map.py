@@ -139,21 +139,19 @@ class RoadMap:
         lights = {item.edge: item.point for item in reversed(report.objects) if item.kind is ObjectKind.LIGHT}
         forbidding = {item.edge for item in report.objects if item.kind is ObjectKind.NO_TURN_ON_RED}
         lanes = zip(report.entrances, report.signs, report.setbacks, report.sign_setbacks, report.beyond, strict=True)
-
-        def road(edge: str, *, upstream: bool) -> Segment | None:
-            return self._road(edge, upstream=upstream) if roads else None
-
+        approaches = {end.edge: self._road(end.edge, upstream=True) for end in report.entrances if roads}
+        exit_roads = {end.edge: self._road(end.edge, upstream=False) for end in report.exits if roads}
         return Junction(
             name,
             report.id,
             tuple(
                 Entrance(
-                    *(end.arm, end.lane, sign, phases.get(k), back, road(end.edge, upstream=True), posted),
+                    *(end.arm, end.lane, sign, phases.get(k), back, approaches.get(end.edge), posted),
                     *(lights.get(end.edge), end.edge in forbidding, beyond),
                 )
                 for k, (end, sign, back, posted, beyond) in enumerate(lanes)
             ),
-            tuple(Exit(end.arm, end.lane, road(end.edge, upstream=False)) for end in report.exits),
+            tuple(Exit(end.arm, end.lane, exit_roads.get(end.edge)) for end in report.exits),
             dict(sorted(movements.items())),
             lifted(report.right_of, report.entrances),
             lifted(report.opposite, report.entrances),

@@ -74,7 +74,7 @@ class Body(NamedTuple):
     length: float
     """Length from bumper to bumper [m]."""
     width: float
-    """Width of the body [m]."""
+    """Width [m]."""
     axle: float
     """Distance from the front bumper to the rear axle [m]."""
     radius: float
@@ -117,12 +117,8 @@ def course_of(entrance: Entrance, movement: Movement, exit: Exit, lane_width: fl
 class Sweep:
     """The area that a body sweeps while its rear axle follows a path beside a centre line.
 
-    Args:
-        course: the centre line.
-        body: the body.
-        margin: the distance kept from the border that `keep_lane` allows [m].
-        share: the allowed share of the vehicle's sharpest curvature.
-        firm: a factor of the weights of sharp curvature and of the border.
+    `margin` is the distance kept from the border that `keep_lane` allows [m], `share` the allowed share of the vehicle's sharpest
+    curvature, and `firm` a factor of the weights of sharp curvature and of the border.
     """
 
     def __init__(self, course: Course, body: Body, margin: float, share: float, firm: float = 1.0) -> None:

@@ -133,12 +133,8 @@ def _cut(line: Array, low: float, high: float) -> Array:
         chord = ends[1, :2] - ends[0, :2]
         before = steps[max(int(np.searchsorted(along, low)) - 1, 0)] if low > 0.0 else chord
         after = steps[min(int(np.searchsorted(along, high, side="right")) - 1, len(steps) - 1)] if high < along[-1] else chord
-        turns = _turn(before, chord), _turn(chord, after)
+        corners = (before, chord), (chord, after)
+        turns = [abs(math.atan2(one[0] * two[1] - one[1] * two[0], one @ two)) for one, two in corners]
         forward = max(turns) < math.pi / 2 and (abs(sum(turns)) < _SHARP or math.hypot(*chord) > _WITHIN)
         if forward or (low == 0.0 and high == along[-1]):
             return np.vstack((line[along < low], ends, line[along > high]))
-
-
-def _turn(before: Array, after: Array) -> float:
-    """Return the change of heading between two steps of a line [rad]."""
-    return abs(math.atan2(before[0] * after[1] - before[1] * after[0], before @ after))

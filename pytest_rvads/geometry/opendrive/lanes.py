@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.geometry.network import Doubt, MapWarning
-from pytest_rvads.geometry.opendrive.records import MOST_CELLS, STEP, Cubic, Line, Road, Section, Shape, evaluate
+from pytest_rvads.geometry.opendrive.records import MOST_CELLS, STEP, Cubic, Line, Road, Section, evaluate
 from pytest_rvads.support.errors import MapError
 
 Array = NDArray[np.float64]
@@ -183,7 +183,14 @@ def _reference(road: Road, section: Section, start: float, end: float) -> _Sampl
     cuts = np.unique([at for at, _ in rows if start < at < end])
     stations: list[Array] = []
     lines: list[Line] = []
-    for shape, low, high in _pieces(road.shapes, start, end):
+    # Each piece of the reference line with the stations that it covers between `start` and `end`. The first piece also covers the
+    # stations before the piece, the last piece the stations after the piece.
+    lows = [start, *(max(shape.s, start) for shape in road.shapes[1:])]
+    highs = [*(min(shape.s, end) for shape in road.shapes[1:]), end]
+    pieces = [row for row in zip(road.shapes, lows, highs, strict=True) if row[2] - row[1] > _EPS]
+    if not pieces:
+        pieces = [(max((shape for shape in road.shapes if shape.s <= start + _EPS), default=road.shapes[0]), start, end)]
+    for shape, low, high in pieces:
         # The samples are closer together where the piece bends.
         count = 1 if shape.kind == "line" and not curved else max(1, math.ceil((high - low) / SPACING))
         s = np.linspace(low, high, count + 1)
@@ -202,20 +209,6 @@ def _reference(road: Road, section: Section, start: float, end: float) -> _Sampl
     return _Samples(np.concatenate(stations), line, np.unwrap(line.heading), joints)
 
 
-def _pieces(shapes: Sequence[Shape], start: float, end: float) -> Iterator[tuple[Shape, float, float]]:
-    """Yield each piece of the reference line with the stations it covers between `start` and `end`."""
-    bounds = [shape.s for shape in shapes[1:]] + [math.inf]
-    covered = False
-    for i, (shape, bound) in enumerate(zip(shapes, bounds, strict=True)):
-        # The first piece also covers the stations before the piece, the last piece the stations after the piece.
-        low, high = start if i == 0 else max(shape.s, start), min(bound, end)
-        if high - low > _EPS:
-            covered = True
-            yield shape, low, high
-    if not covered:
-        yield max((shape for shape in shapes if shape.s <= start + _EPS), default=shapes[0]), start, end
-
-
 def _line(road: Road, id: int, samples: _Samples, offset: Array, width: Array) -> LaneLine:
     """Return the centre line of a lane without the folds at kinks and at the ends of the lane."""
     s, line, heading, joints = samples
@@ -224,14 +217,24 @@ def _line(road: Road, id: int, samples: _Samples, offset: Array, width: Array) -
         raise MapError(f"lane {id} of road {road.id!r} has widths or offsets that are not finite")
     slope = np.diff(offset) / np.maximum(np.diff(s), _MERGE)
     turning = float(heading[-1] - heading[0] + math.atan(slope[-1]) - math.atan(slope[0]))
-    keep, length = np.ones(len(s), dtype=bool), _length(points)
+    keep, length = np.ones(len(s), dtype=bool), float(np.hypot(*np.diff(points, axis=0).T).sum())
     for joint in joints:
-        if abs(heading[joint] - heading[joint - 1]) > _KINK:
-            _mitre(points, keep, samples, offset, joint)
+        kink, t = float(heading[joint] - heading[joint - 1]), float(offset[joint])
+        reach = t * math.tan(kink / 2)
+        if not _KINK < abs(kink) <= 2.0 or reach <= _MERGE:
+            continue
+        # On the inner side of a kink, the lane folds; it is cut where the centre lines before and after the joint cross.
+        inside = (np.abs(s - s[joint]) < reach) & keep
+        inside[0] = inside[-1] = inside[joint - 1] = False
+        keep[inside] = False
+        if joint > 1:
+            middle = float(line.heading[joint - 1]) + kink / 2
+            stretch = t / math.cos(kink / 2)
+            points[joint - 1] = line.x[joint] - stretch * math.sin(middle), line.y[joint] + stretch * math.cos(middle)
     _advance(points, keep, heading)
     _advance(points[::-1], keep[::-1], heading[::-1] + math.pi)
     points, s = points[keep], s[keep]
-    cut = 0.0 if keep.all() else length - _length(points)
+    cut = 0.0 if keep.all() else length - float(np.hypot(*np.diff(points, axis=0).T).sum())
     far = np.concatenate(([True], np.hypot(*np.diff(points, axis=0).T) > _MERGE))
     if not far[-1] and len(far) > 2:
         far[-2:] = False, True
@@ -240,28 +243,7 @@ def _line(road: Road, id: int, samples: _Samples, offset: Array, width: Array) -
     return LaneLine(points[far], s[far], turning, middle, (first, last), cut)
 
 
-def _length(points: Array) -> float:
-    return float(np.hypot(*np.diff(points, axis=0).T).sum())
-
-
 def _advance(points: Array, keep: NDArray[np.bool_], heading: Array) -> None:
     """Mark in `keep` that the points after a lane's first point that lie behind it, in a tight bend, are dropped."""
     ahead = (points - points[0]) @ (math.cos(heading[0]), math.sin(heading[0])) > -_EPS
     keep[1 : int(ahead[1:].argmax()) + 1 if ahead[1:-1].any() else 1] = False
-
-
-def _mitre(points: Array, keep: NDArray[np.bool_], samples: _Samples, offset: Array, joint: int) -> None:
-    """Cut the fold of a lane on the inner side of a kink, where the centre lines before and after the joint cross."""
-    s, line, heading, _ = samples
-    kink, t = float(heading[joint] - heading[joint - 1]), float(offset[joint])
-    reach = t * math.tan(kink / 2)
-    if reach <= _MERGE or abs(kink) > 2.0:
-        return
-    inside = (np.abs(s - s[joint]) < reach) & keep
-    inside[0] = inside[-1] = False
-    inside[joint - 1] = False
-    keep[inside] = False
-    if joint > 1:
-        middle = float(line.heading[joint - 1]) + kink / 2
-        stretch = t / math.cos(kink / 2)
-        points[joint - 1] = (line.x[joint] - stretch * math.sin(middle), line.y[joint] + stretch * math.cos(middle))

@@ -95,11 +95,10 @@ def link_table(draft: Draft, id: str) -> None:
 
 def _incoming_end(draft: Draft, id: str, row: Connection) -> str | None:
     """Return the end of the incoming road at which a row of a table begins; None, with a warning, if the end is unknown."""
-    roads = draft.document.roads
-    for name in (row.incoming, row.connecting):
-        if name not in roads:
-            draft.warn(Doubt.LINK, f"junction {id!r} names road {name!r}, which does not exist", None, id)
-            return None
+    missing = next((name for name in (row.incoming, row.connecting) if name not in draft.document.roads), None)
+    if missing is not None:
+        draft.warn(Doubt.LINK, f"junction {id!r} names road {missing!r}, which does not exist", None, id)
+        return None
     if row.contact not in ("start", "end"):
         roads_of_row = f"from road {row.incoming!r} to road {row.connecting!r}"
         draft.warn(Doubt.LINK, f"junction {id!r} has a connection {roads_of_row} without contact point", None, id)

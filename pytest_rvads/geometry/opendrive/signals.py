@@ -86,9 +86,12 @@ _CATALOGUES = frozenset({"", "de", "deu", "ger", "us", "usa", "opendrive", *(cou
 _STANDARD_NUMBER = re.compile(r"1\.?000\.?\d{3}")
 _NUMBER = re.compile(rf"{_STANDARD_NUMBER.pattern}|\d{{3}}(-\d+)?|[a-z]\d+(-\d+\w*)?")
 _UNTYPED = frozenset({"", "-1", "none", "unknown"})
-_STOP_NAME = re.compile(r"(?<![a-z])stop([ _-]?sign)?(?![a-z])|(?<![a-z])sign[ _-]?stop(?![a-z])")
-_YIELD_NAME = re.compile(r"(?<![a-z])(yield|give[ _-]?way)(?![a-z])")
-_LIGHT_NAME = re.compile(r"traffic[ _-]?(light|signal)|signal[ _-]?3?light")
+_NAMES = (
+    (re.compile(r"traffic[ _-]?(light|signal)|signal[ _-]?3?light"), ObjectKind.LIGHT),
+    (re.compile(r"(?<![a-z])(yield|give[ _-]?way)(?![a-z])"), ObjectKind.YIELD),
+    (re.compile(r"(?<![a-z])stop([ _-]?sign)?(?![a-z])|(?<![a-z])sign[ _-]?stop(?![a-z])"), ObjectKind.STOP),
+)
+"""Names of signals without type that are clearly for vehicles; of several the first counts."""
 _OTHER_NAME = re.compile(r"pedestrian|walk|bicycle|bike|bus|tram|rail|line|ahead")
 _NO_SIGN_NAME = re.compile(_OTHER_NAME.pattern + r"|speed|arrow")
 _BESIDE, _PAST = 10.0, 1.0
@@ -117,21 +120,17 @@ def kind_of(signal: Signal) -> ObjectKind | None:
     if meant is not None and (signal.type in _UNTYPED or signal.country not in _CATALOGUES):
         return meant
     if signal.type in _UNTYPED:
-        return _kind_by_name(signal.name)
+        by_name = (kind for pattern, kind in _NAMES if pattern.search(signal.name))
+        return None if _OTHER_NAME.search(signal.name) else next(by_name, None)
     if _STANDARD_NUMBER.fullmatch(signal.type):  # the catalogue of the standard writes 1.000.001
         return ObjectKind.LIGHT if signal.dynamic and int(signal.type.replace(".", "")) in _LIGHT else None
-    return _kind_by_number(signal) or meant
-
-
-def _kind_by_number(signal: Signal) -> ObjectKind | None:
-    """Return the kind of a signal from its type, country and subtype; None if no known catalogue has the type."""
     abroad = _SIGNS_ABROAD.get((signal.country, re.sub(r"[\s_-]", "", signal.type)))
     if abroad is not None:
         return abroad
     if signal.type == "r1" and signal.subtype == "2":
         return ObjectKind.YIELD  # the US catalogue's R1-2
     standard = STANDARD.get(re.sub(r"\s+", "_", signal.type))
-    return None if standard is ObjectKind.LIGHT and _OTHER_NAME.search(signal.name) else standard
+    return meant if standard is ObjectKind.LIGHT and _OTHER_NAME.search(signal.name) else standard or meant
 
 
 def _unknown(signal: Signal) -> bool:
@@ -144,22 +143,6 @@ def _unknown(signal: Signal) -> bool:
     return signal.type in _UNTYPED or not known
 
 
-def _kind_by_name(name: str) -> ObjectKind | None:
-    """Return the kind of a signal without type from its name; None if the name is not clearly that of a signal for vehicles."""
-    if _OTHER_NAME.search(name):
-        return None
-    if _LIGHT_NAME.search(name):
-        return ObjectKind.LIGHT
-    if _YIELD_NAME.search(name):
-        return ObjectKind.YIELD
-    return ObjectKind.STOP if _STOP_NAME.search(name) else None
-
-
-def _arrows_of(signal: Signal) -> frozenset[Turn]:
-    """Return the turns that a light with arrows regulates; empty for every other signal."""
-    return _ARROWS.get(signal.subtype, frozenset()) if signal.type.replace(".", "") == "1000011" else frozenset()
-
-
 def _counts_from_kerb(document: Document) -> bool:
     """Return whether the lanes in ``<validity>`` have the numbers of SUMO, from 0 at the kerb, as netconvert wrote until 1.15.
 
@@ -170,18 +153,11 @@ def _counts_from_kerb(document: Document) -> bool:
         return False
     ranges = [(road, low, high) for road, signal in signals for low, high in signal.lanes]
     return bool(ranges) and all(
-        low == high and 0 <= low < len(_lanes_right(road)) and not any(lane > 0 for lane in _lane_ids(road))
+        low == high
+        and 0 <= low < sum(lane < 0 for lane in road.lanes_at("end"))
+        and not any(lane > 0 for section in road.sections for lane in section.lanes)
         for road, low, high in ranges
     )
-
-
-def _lane_ids(road: Road) -> set[int]:
-    return {lane for section in road.sections for lane in section.lanes}
-
-
-def _lanes_right(road: Road) -> list[int]:
-    """Return the ids of the lanes on the right at the end of a road, from the kerb."""
-    return sorted(lane for lane in road.lanes_at("end") if lane < 0)
 
 
 def attach(draft: Draft, left_hand: Container[str]) -> list[MapObject]:
@@ -307,7 +283,12 @@ class _Attacher:
             # References state the entrances of a signal more reliably than the place of its mast.
             key = home.id, home.road
             reasons[key] = None if places or reasons.get(key, reason) is None else reason
-        self._warn_of_unassigned([reason for reason in reasons.values() if reason is not None], len(reasons))
+        unassigned = [reason for reason in reasons.values() if reason is not None]
+        if unassigned:
+            (reason, count), *_ = Counter(unassigned).most_common(1)
+            most = "" if count == len(unassigned) else f"{count} of them "
+            message = f"{len(unassigned)} of {len(reasons)} signs and lights are for no entrance: {most}{reason}"
+            self.draft.warn(Doubt.SIGNAL, message)
         if self.by_place:
             signs = f"{plural(len(self.by_place), 'sign')} ({', '.join([*self.by_place][:5])})"
             message = f"{signs} of lane 0 alone, which no reference names, were assigned to the lanes at whose end they stand"
@@ -315,16 +296,13 @@ class _Attacher:
         far = {(signal.id, junction) for signal, _, junction, _ in referred}
         return [entry for entry in at_home if (entry[0].id, entry[2]) not in far] + referred
 
-    def _warn_of_unassigned(self, reasons: list[str], total: int) -> None:
-        if reasons:
-            (reason, count), *_ = Counter(reasons).most_common(1)
-            most = "" if count == len(reasons) else f"{count} of them "
-            message = f"{len(reasons)} of {total} signs and lights are for no entrance: {most}{reason}"
-            self.draft.warn(Doubt.SIGNAL, message)
-
     def _entrances(self, road: Road, signal: Signal, kind: ObjectKind) -> tuple[list[tuple[str, str]], str | None]:
         """Return (junction, entrance edge) that a signal or reference regulates, and the reason if there are none."""
-        ranges = self._ranges(road, signal)
+        # The ranges of lanes that the signal is valid for, in the numbers of OpenDRIVE, without lane 0.
+        ranges = [ranged for ranged in signal.lanes if ranged != (0, 0)]
+        if self.from_kerb:
+            right = sorted(lane for lane in road.lanes_at("end") if lane < 0)
+            ranges = [(right[low], right[high]) for low, high in signal.lanes]
         if signal.lanes and not ranges:
             places = self._beside(road, signal) if kind is not ObjectKind.LIGHT and signal.id not in self.referred else []
             self.by_place.update(dict.fromkeys([signal.id] if places else []))
@@ -348,12 +326,8 @@ class _Attacher:
         places = [(junction, edge.id) for junction, edge in near if is_named(edge)]
         if not places and kind is ObjectKind.LIGHT:
             places = self._across(road, signal, [edge for edge in self.by_road[road.id] if is_named(edge)])
-        if places:
-            return places, None
-        return (
-            [],
-            "name lanes that lead into no junction" if near else "stand near no end of a road where lanes lead into a junction",
-        )
+        reason = "stand near no end of a road where lanes lead into a junction"
+        return places, None if places else "name lanes that lead into no junction" if near else reason
 
     def _beside(self, road: Road, signal: Signal) -> list[tuple[str, str]]:
         """Return (junction, entrance edge) of the lanes of a road end beside which a sign stands, on the side of the kerb."""
@@ -371,13 +345,6 @@ class _Attacher:
         (head,) = heads
         lanes = [edge.id for edge in self.by_road[head[0]] if edge.head == head]
         return [(junction, id) for id in lanes for junction in self.entered.get(id, ())]
-
-    def _ranges(self, road: Road, signal: Signal) -> list[tuple[int, int]]:
-        """Return the ranges of lanes that a signal is valid for, in the numbers of OpenDRIVE, without lane 0."""
-        if self.from_kerb:
-            lanes = _lanes_right(road)
-            return [(lanes[low], lanes[high]) for low, high in signal.lanes]
-        return [ranged for ranged in signal.lanes if ranged != (0, 0)]
 
     def _across(self, road: Road, signal: Signal, edges: Iterable[Chain]) -> list[tuple[str, str]]:
         """Return the pairs (junction, entrance edge) that a light at the start of an exit road regulates.
@@ -417,12 +384,9 @@ class _Attacher:
         return []
 
     def _ahead(self, edge: Chain, distance: float) -> list[tuple[str, Chain]]:
-        """Return the pairs (junction, entrance edge) that traffic reaches within `SIGNAL_RANGE` of a signal.
+        """Return (junction, entrance edge) within `SIGNAL_RANGE` of a signal that is `distance` before the end of an edge [m].
 
         If the last road before a junction is short, its signals stand on the road that leads to the short road.
-
-        Args:
-            distance: distance of the signal from the end of the edge [m].
         """
         seen = {edge.id}
         while distance <= SIGNAL_RANGE:
@@ -487,7 +451,8 @@ class _Attacher:
                     before = edge.length + previous.length - previous.station(signal.s)
         place = max(before, 0.0)
         setback = place if kind is not ObjectKind.LIGHT and before >= 0 and place <= LINE_RANGE else None
-        arrows = _arrows_of(signal) if kind is ObjectKind.LIGHT else frozenset[Turn]()
+        with_arrows = kind is ObjectKind.LIGHT and signal.type.replace(".", "") == "1000011"
+        arrows = _ARROWS.get(signal.subtype, frozenset()) if with_arrows else frozenset[Turn]()
         point = point_of(self.draft.document.roads[signal.road], signal) if kind is ObjectKind.LIGHT else None
         return MapObject(signal.id, kind, junction, edge.id, max(edge.length - place, 0.0), setback, arrows, point)
 
@@ -518,12 +483,9 @@ def _painted(road: Road, signal: Signal) -> tuple[Array, Array, float]:
 
 
 def _crossings(path: Array, middle: Array, along: Array, half: float) -> Iterator[tuple[float, float]]:
-    """Yield the arc lengths at which a path crosses a line [m], and the headings of the path there [rad].
+    """Yield the arc lengths at which a path of points ``(k, 2)`` crosses a line [m], and the headings of the path there [rad].
 
-    Args:
-        path: the points of the path, shape ``(k, 2)`` [m].
-        middle: the middle of the line [m].
-        half: half the length of the line [m].
+    The line has a middle [m], a unit vector `along` it, and half its length [m].
     """
     steps, apart = np.diff(path, axis=0), path - middle
     lengths, ahead = np.hypot(*steps.T), along[0] * apart[:, 1] - along[1] * apart[:, 0]
