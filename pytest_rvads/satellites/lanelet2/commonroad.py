@@ -24,6 +24,7 @@ from pytest_rvads.satellites.lanelet2.lanelet_network import Regulation, Rules, 
 from pytest_rvads.satellites.lanelet2.lanelets import Array, Bound, Lanelet, aligned, crosswalk_of, turned, with_centre_lines
 from pytest_rvads.satellites.lanelet2.osm_file import MAX_ELEMENTS, parsed
 from pytest_rvads.support.errors import MapError
+from pytest_rvads.support.storage import number_in
 from pytest_rvads.support.wording import one_line
 
 _SKIPPED = frozenset(
@@ -136,16 +137,16 @@ class _Reader:
     def _lanelets(self, id: str, element: Element) -> Iterator[Lanelet]:
         """Yield the lanelets of an element: none for a broken lanelet or one without cars, two for a two-way lanelet."""
         types = {(part.text or "").strip() for part in element.iterfind("laneletType")}
+        lines = [_points(element.find(name)) for name in ("leftBound", "rightBound")]
         if _NOT_DRIVABLE & types:
-            lines = [_points(element.find(name)) for name in ("leftBound", "rightBound")]
             crosswalk = crosswalk_of(id, lines) if "crosswalk" in types else None
             self.crosswalks += [crosswalk] if crosswalk else []
             self.others[min(_NOT_DRIVABLE & types)] += crosswalk is None
             return
-        left, right = (_bound(_points(element.find(name))) for name in ("leftBound", "rightBound"))
-        if left is None or right is None:
+        if min(map(len, lines)) < 2:
             self.left_out.append(id)
             return
+        left, right = map(_bound, lines)
         if all(one.first == other.last for one, other in zip(aligned(left, right), (left, right), strict=True)):
             left, right = right, left
             self.exchanged.append(id)
@@ -170,7 +171,7 @@ class _Reader:
     def _limit(self, id: str, element: Element) -> float | None:
         """Return the speed limit of a lanelet [m/s]; an unreadable limit gives a warning."""
         texts: list[str] = []
-        for ref in _refs(element, "trafficSignRef"):
+        for ref in dict.fromkeys(part.get("ref", "") for part in element.iter("trafficSignRef")):
             signs = self.signs[ref].iterfind("trafficSignElement") if ref in self.signs else ()
             limits = (sign for sign in signs if (sign.findtext("trafficSignID") or "").strip() in _LIMIT_SIGNS)
             texts += [sign.findtext("additionalValue") or "" for sign in limits]
@@ -185,7 +186,8 @@ class _Reader:
         rules = Rules(crosswalks=self.crosswalks)
         users: defaultdict[str, list[str]] = defaultdict(list)
         for id in (id for id in self.elements if id in lanes):
-            for ref in _refs(self.elements[id], "trafficSignRef", "trafficLightRef"):
+            parts = [part for tag in ("trafficSignRef", "trafficLightRef") for part in self.elements[id].iter(tag)]
+            for ref in dict.fromkeys(part.get("ref", "") for part in parts):
                 users[ref].append(id)
             line = self.elements[id].find("stopLine")
             if line is not None:
@@ -210,27 +212,17 @@ class _Reader:
         return rules
 
 
-def _refs(element: Element, *tags: str) -> list[str]:
-    return list(dict.fromkeys(part.get("ref", "") for tag in tags for part in element.iter(tag)))
-
-
 def _points(element: Element | None) -> Array:
     """Return the points of an element, shape ``(k, 2)`` [m]; a malformed point is left out."""
     rows: list[tuple[float, float]] = []
     for point in () if element is None else element.iterfind("point"):
-        try:
-            row = float(point.findtext("x") or ""), float(point.findtext("y") or "")
-        except ValueError:
-            continue
+        row = number_in(point.findtext("x") or ""), number_in(point.findtext("y") or "")
         if all(abs(value) <= 1e8 for value in row) and (not rows or rows[-1] != row):
             rows.append(row)
     return np.array(rows).reshape(-1, 2)
 
 
-def _bound(points: Array) -> Bound | None:
-    """Return a bound, which is named after its ends to a decimetre; None for fewer than two points."""
-    if len(points) < 2:
-        return None
+def _bound(points: Array) -> Bound:
+    """Return a bound, which is named after its ends to a decimetre."""
     first, last = (tuple(np.round(points[k], 1).tolist()) for k in (0, -1))
-    along = first <= last
-    return Bound(points, first, last, ((f"{min(first, last)} {max(first, last)}", along),))
+    return Bound(points, first, last, ((f"{min(first, last)} {max(first, last)}", first <= last),))

@@ -16,7 +16,7 @@ import networkx as nx
 import numpy as np
 
 from pytest_rvads.geometry.network import Doubt, MapWarning
-from pytest_rvads.satellites.lanelet2.lanelets import Bound, Conflicts, Lanelet, cell_of, free_ends
+from pytest_rvads.satellites.lanelet2.lanelets import Conflicts, Lanelet, cell_of, free_ends
 from pytest_rvads.support.wording import first
 
 _JOINT = 25.0
@@ -284,28 +284,18 @@ def _side_by_side(lanes: Sequence[Lanelet]) -> list[list[tuple[str, bool]]]:
 
 
 def cut_off(ground: Ground, id: str, name: str, station: float, *, back: bool) -> None:
-    """Cut a lanelet in two at the point of its centre line nearest to a station, and change `ground`.
-
-    Args:
-        station: station of the cut [m].
-    """
+    """Cut a lanelet in two at the point of its centre line nearest to a station [m], and change `ground`."""
     lane = ground.lanes[id]
     k = int(np.clip(np.abs(lane.stations - station).argmin(), 1, len(lane.points) - 2))
-    left, right = ((bound, _place(bound, back=back)) for bound in (lane.left, lane.right))
-    head = replace(
-        lane,
-        left=replace(left[0], last=left[1]),
-        right=replace(right[0], last=right[1]),
-        points=lane.points[: k + 1],
-        stations=lane.stations[: k + 1],
+    # The name of the place where a bound is cut is the same for both lanelets that the bound lies between.
+    left, right = (
+        ("cut", tuple(sorted(way for way, _ in bound.ways)), all(along for _, along in bound.ways) == back)
+        for bound in (lane.left, lane.right)
     )
-    tail = replace(
-        lane,
-        left=replace(left[0], first=left[1]),
-        right=replace(right[0], first=right[1]),
-        points=lane.points[k:],
-        stations=lane.stations[k:] - lane.stations[k],
-    )
+    head = replace(lane, left=replace(lane.left, last=left), right=replace(lane.right, last=right))
+    head = replace(head, points=lane.points[: k + 1], stations=lane.stations[: k + 1])
+    tail = replace(lane, left=replace(lane.left, first=left), right=replace(lane.right, first=right))
+    tail = replace(tail, points=lane.points[k:], stations=lane.stations[k:] - lane.stations[k])
     part = replace(tail if back else head, id=f"{id}:{name}")
     ground.lanes[id] = head if back else tail
     ground.lanes[part.id] = part
@@ -313,8 +303,3 @@ def cut_off(ground: Ground, id: str, name: str, station: float, *, back: bool) -
         ground.links.remove_edge(*((id, neighbour) if back else (neighbour, id)))
         ground.links.add_edge(*((part.id, neighbour) if back else (neighbour, part.id)))
     ground.links.add_edge(*((id, part.id) if back else (part.id, id)))
-
-
-def _place(bound: Bound, *, back: bool) -> tuple[object, ...]:
-    """Return the name of the place where a bound is cut, the same for both lanelets that the bound lies between."""
-    return "cut", tuple(sorted(way for way, _ in bound.ways)), all(along for _, along in bound.ways) == back

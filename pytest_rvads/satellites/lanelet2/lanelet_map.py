@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import chain
 
 import numpy as np
@@ -103,7 +103,12 @@ class _Reader:
         """Yield the lanelets of a relation: none for a broken lanelet or one without cars, two for a two-way lanelet."""
         tags = relation.tags
         bounds = [self._bound(relation.refs(role, "way")) for role in ("left", "right")]
-        if not _for_cars(tags):
+        # Whether cars drive on the lanelet: by the tags ``participant:*`` if there are any, else by the subtype.
+        if any(key.startswith("participant:") for key in tags):
+            for_cars = any(tags.get(key) in _YES for key in ("participant:vehicle", "participant:vehicle:car"))
+        else:
+            for_cars = tags.get("subtype", "") in _DRIVABLE
+        if not for_cars:
             lines = [bound.points for bound in bounds if bound is not None]
             crosswalk = crosswalk_of(id, lines) if tags.get("subtype") == "crosswalk" and len(lines) == 2 else None
             self.crosswalks += [crosswalk] if crosswalk else []
@@ -199,11 +204,3 @@ class _Reader:
         subtypes = [self.osm.ways[way].tags.get("subtype", "") for way in element.refs("refers", "way") if way in self.osm.ways]
         kinds = (STANDARD.get(re.sub("^(us|de)", "", subtype.lower())) for subtype in subtypes)
         return [kind for kind in kinds if kind is not None]
-
-
-def _for_cars(tags: Mapping[str, str]) -> bool:
-    """Return whether cars drive on a lanelet: by the tags ``participant:*`` if there are any, else by the subtype."""
-    stated = {key: value for key, value in tags.items() if key.startswith("participant:")}
-    if stated:
-        return any(stated.get(key) in _YES for key in ("participant:vehicle", "participant:vehicle:car"))
-    return tags.get("subtype", "") in _DRIVABLE

@@ -99,7 +99,7 @@ def network_of(ground: Ground, rules: Rules, warnings: Iterable[MapWarning]) -> 
     }
     attacher = _Attacher(ground, junctions)
     objects = attacher.attach(rules)
-    doubts += attacher.warnings
+    doubts += [MapWarning(Doubt.SIGNAL, f"{message}: {listed(ids)}") for message, ids in attacher.doubts.items() if ids]
     return Network(
         edges,
         ground.links,
@@ -211,7 +211,14 @@ def _roads(ground: Ground, members: Members, *, left_hand: bool) -> dict[str, tu
                 roads[id] = (id, True)
                 for one, two in nx.bfs_edges(beside, id):
                     roads[two] = (id, roads[one][1] == beside.edges[one, two]["same"])
-        mixed = {road for group in groups for road in _mixed(group, roads)}
+        # The roads of which one end has lanes from several groups of lanes side by side at a junction.
+        mixed = set()
+        for group in groups:
+            numbers: dict[tuple[str, bool], int] = {}
+            for (id, at), number in group.items():
+                road, forward = roads[id]
+                if numbers.setdefault((road, forward == (at == 0)), number) != number:
+                    mixed.add(road)
         ends = Counter(id for group in groups for id, _ in group)
         between = [id for id, lane in ground.lanes.items() if ends[id] > 1 and roads[id][0] in mixed and len(lane.points) > 4]
         if not between:
@@ -236,15 +243,6 @@ def _sides(ground: Ground, members: Members, *, left_hand: bool) -> tuple[nx.Gra
                 beside.add_edge(id, other_id, same=at == other_at)
         groups.append({end: number for number, part in enumerate(nx.connected_components(ends)) for end in part})
     return beside, groups
-
-
-def _mixed(group: Mapping[LaneEnd, int], roads: Mapping[str, tuple[str, bool]]) -> Iterator[str]:
-    """Yield the roads of which one end has lanes from several groups of lanes side by side at a junction."""
-    numbers: dict[tuple[str, bool], int] = {}
-    for (id, at), number in group.items():
-        road, forward = roads[id]
-        if numbers.setdefault((road, forward == (at == 0)), number) != number:
-            yield road
 
 
 def _beside(lane: Lanelet, other: Lanelet, at: int) -> bool:
@@ -273,7 +271,7 @@ class _Attacher:
 
     def __init__(self, ground: Ground, junctions: Mapping[str, str]) -> None:
         self.lanes, self.links, self.junctions = ground.lanes, ground.links, junctions
-        self._doubts: defaultdict[str, dict[str, None]] = defaultdict(dict)
+        self.doubts: defaultdict[str, dict[str, None]] = defaultdict(dict)
         """Per kind of doubt, the ids of elements."""
         self.priorities: defaultdict[str, dict[tuple[str, str], None]] = defaultdict(dict)
         """Per junction, pairs of roads of which the first has priority over the second."""
@@ -301,7 +299,15 @@ class _Attacher:
             for line, distance in self._lines_across(entrance, rules.lines, boxes):
                 self.setbacks[line, junction, entrance] = distance
         signs = [sign for regulation in rules.regulations for sign in self._signs_of(regulation)]
-        self._look_inside(signs, rules.lines)
+        # Lines of signs and lights that cross no lane into a junction can cross a lanelet in the junction.
+        crossing = {line for line, *_ in self.setbacks}
+        for sign in signs:
+            inside = {line: rules.lines[line] for line in sign.lines if line in rules.lines and line not in crossing}
+            for junction, entrance in self._places(sign) if inside else ():
+                for after in self.links.succ[entrance]:
+                    for line, distance in self._lines_across(entrance, inside, _boxes(inside), after):
+                        key = line, junction, entrance
+                        self.setbacks[key] = max(self.setbacks.get(key, distance), distance)
         objects: dict[tuple[str, str, ObjectKind, str], MapObject] = {}
         for (line, junction, entrance), distance in self.setbacks.items():
             stop_line = Regulation(line, ObjectKind.LINE, ())
@@ -311,12 +317,12 @@ class _Attacher:
             places = self._places(sign)
             if not places:
                 noun = "lights" if sign.kind is ObjectKind.LIGHT else f"{sign.kind} signs"
-                self._doubt(f"{noun} for no entrance of a junction were ignored", [sign.id])
+                self.doubts[f"{noun} for no entrance of a junction were ignored"][sign.id] = None
                 continue
             if not sign.lanelets:
-                self._doubt("lights and signs that no lanelet refers to were assigned by their stop lines", [sign.id])
+                self.doubts["lights and signs that no lanelet refers to were assigned by their stop lines"][sign.id] = None
             astray = [line for line in sign.lines if line in rules.lines and line not in crossing]
-            self._doubt("stop lines of lights or signs cross no lane into a junction", astray)
+            self.doubts["stop lines of lights or signs cross no lane into a junction"] |= dict.fromkeys(astray)
             self.places += len(places)
             self._check_places()
             for junction, entrance in places:
@@ -325,30 +331,11 @@ class _Attacher:
                 objects[junction, entrance, sign.kind, sign.id] = self._object(sign, junction, entrance, setback)
         return list(objects.values())
 
-    def _look_inside(self, signs: Iterable[Regulation], lines: Mapping[str, Array]) -> None:
-        """Measure the lines of signs and lights that cross no lane into a junction, but a lanelet in the junction."""
-        crossing = {line for line, *_ in self.setbacks}
-        for sign in signs:
-            inside = {line: lines[line] for line in sign.lines if line in lines and line not in crossing}
-            for junction, entrance in self._places(sign) if inside else ():
-                for after in self.links.succ[entrance]:
-                    for line, distance in self._lines_across(entrance, inside, _boxes(inside), after):
-                        key = line, junction, entrance
-                        self.setbacks[key] = max(self.setbacks.get(key, distance), distance)
-
     def _check_places(self) -> None:
         if self.places > _MOST_PLACES:
             raise MapError(
                 f"its lights, signs and priorities are for more than {_MOST_PLACES:,} places; check which lanelets they refer to"
             )
-
-    def _doubt(self, message: str, ids: Iterable[str]) -> None:
-        self._doubts[message].update(dict.fromkeys(ids))
-
-    @property
-    def warnings(self) -> list[MapWarning]:
-        """A warning per kind of doubt, with the ids of the elements."""
-        return [MapWarning(Doubt.SIGNAL, f"{message}: {listed(ids)}") for message, ids in self._doubts.items() if ids]
 
     def _object(self, sign: Regulation, junction: str, entrance: str, setback: float | None) -> MapObject:
         station = max(self.lanes[entrance].length - max(setback or 0.0, 0.0), 0.0)

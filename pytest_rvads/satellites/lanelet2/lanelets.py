@@ -344,15 +344,10 @@ def _crossing(lanes: Mapping[str, Lanelet], links: nx.DiGraph) -> Iterator[Pair]
 
 
 def intersections(line: Array, other: Array, angle: float = 1e-9) -> tuple[Array, Array]:
-    """Return the places where a line intersects another line, or each of several lines.
+    """Return the places where a line, shape ``(k, 2)``, intersects another line, or each of several lines, ``(..., m, 2)`` [m].
 
-    Args:
-        line: points of a line, shape ``(k, 2)`` [m].
-        other: points of other lines, shape ``(..., m, 2)`` [m].
-
-    Returns:
-        Per piece of the line and piece of the other line, the place on either line as the number of a point plus the fraction up
-        to the next point, shape ``(..., k - 1, m - 1)`` each; NaN where the pieces do not meet.
+    Per piece of the line and piece of the other line, the place on either line is the number of a point plus the fraction up to
+    the next point, shape ``(..., k - 1, m - 1)`` each; NaN where the pieces do not meet.
     """
     steps, other_steps = (line[1:] - line[:-1])[:, None], (other[..., 1:, :] - other[..., :-1, :])[..., None, :, :]
     apart = other[..., None, :-1, :] - line[:-1, None]

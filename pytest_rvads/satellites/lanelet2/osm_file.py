@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.geometry.opendrive.xmlfile import MAX_BYTES
 from pytest_rvads.support.errors import MapError
-from pytest_rvads.support.storage import XmlError, open_file, read_xml
+from pytest_rvads.support.storage import XmlError, number_in, open_file, read_xml
 from pytest_rvads.support.wording import one_line
 
 MAX_ELEMENTS = 3_000_000
@@ -144,7 +144,8 @@ def read_osm(path: str | os.PathLike[str]) -> OsmMap:
     builder = _Builder(f"map file {path}")
     parsed(path, "a Lanelet2 file (.osm)", builder.start, builder.end)
     names = [id for id in dict.fromkeys(node for way in builder.ways.values() for node in way.nodes) if id in builder.nodes]
-    written = np.array([[_number(text) for text in builder.nodes[id]] for id in names]).reshape(-1, 4)
+    written = np.array([[number_in(text) for text in builder.nodes[id]] for id in names]).reshape(-1, 4)
+    written[~(np.abs(written) <= 1e8)] = np.nan
     local = written[:, 2:]
     metres = bool(len(names)) and bool(np.isfinite(local).all())
     plane = local if metres else projected(written[:, 0], written[:, 1])
@@ -153,25 +154,11 @@ def read_osm(path: str | os.PathLike[str]) -> OsmMap:
     return OsmMap(points, ways, builder.relations, None if metres else _origin(_valid(written[:, 0], written[:, 1])[1]))
 
 
-def _number(text: str) -> float:
-    """Return a text as a number of at most 1e8, NaN for any other text."""
-    try:
-        value = float(text)
-    except ValueError:
-        return np.nan
-    return value if abs(value) <= 1e8 else np.nan
-
-
 def projected(latitude: Array, longitude: Array) -> Array:
-    """Return the plane coordinates of points on the earth.
+    """Return the plane coordinates, shape ``(k, 2)`` [m], of points on the earth, shape ``(k,)`` [degrees]; NaN if unknown.
 
-    Args:
-        latitude: latitudes, shape ``(k,)`` [degrees]; NaN for an unknown latitude.
-        longitude: longitudes, shape ``(k,)`` [degrees].
-
-    Returns:
-        Coordinates, shape ``(k, 2)`` [m]: those of UTM zone 31 minus those of (0, 0) if all points lie within 0.1 degrees of
-        (0, 0), else those of a transverse Mercator projection about the median point.
+    The coordinates are those of UTM zone 31 minus those of (0, 0) if all points lie within 0.1 degrees of (0, 0), else those of a
+    transverse Mercator projection about the median point.
     """
     valid, places = _valid(latitude, longitude)
     points = np.full((len(latitude), 2), np.nan)
@@ -206,10 +193,7 @@ def plane_of_utm(origin: tuple[float, float]) -> tuple[complex, complex]:
     """Return the similarity from UTM coordinates to the plane about a place, for points within some kilometres of the place.
 
     A point ``east + north * 1j`` of UTM [m], in the zone of the place, lies at ``turn * (point - utm)`` in the plane [m]. Both
-    projections are conformal, so within 1 km the similarity is exact to some millimetres.
-
-    Args:
-        origin: latitude and longitude of the place [degrees].
+    projections are conformal, so within 1 km the similarity is exact to some millimetres. `origin` is in degrees.
     """
     latitude, longitude = origin
     places = np.array([origin, (latitude + 0.001, longitude)])
@@ -222,9 +206,7 @@ def plane_of_utm(origin: tuple[float, float]) -> tuple[complex, complex]:
 def mercator(places: Array, middle: float) -> Array:
     """Return transverse Mercator coordinates of scale 1, shape ``(k, 2)`` [m], by Krüger's series (Karney 2011, eqs. 7 to 12).
 
-    Args:
-        places: latitudes and longitudes, shape ``(k, 2)`` [degrees].
-        middle: longitude of the middle meridian [degrees].
+    `places` are latitudes and longitudes, shape ``(k, 2)``; `middle` is the longitude of the middle meridian [degrees].
     """
     latitude, longitude = np.radians(places[:, 0]), np.radians(places[:, 1] - middle)
     n = _FLATTENING / (2 - _FLATTENING)
