@@ -48,8 +48,18 @@ def read_network(path: str | os.PathLike[str]) -> Network:
 
 
 def build(document: Document) -> Network:
-    """Build the network of a document."""
-    _check_size(document)
+    """Build the network of a document, unless that would take too long."""
+    for road in document.roads.values():
+        if road.length > MAX_ROAD:
+            raise MapError(
+                f"road {road.id!r} says it is {road.length / 1000:,.0f} km long, expected at most {MAX_ROAD / 1000:.0f} km"
+            )
+    samples = sum(map(sample_count, document.roads.values()))
+    if samples > MAX_SAMPLES:
+        raise MapError(
+            f"its lane centre lines would take {samples:,} samples, more than {MAX_SAMPLES:,}; "
+            "check the lengths of its roads, or cut the map into pieces"
+        )
     draft = Draft(document)
     leftward = _lane_sides(draft)
     for road in document.roads.values():
@@ -90,21 +100,6 @@ def _lost_road(draft: Draft, junction: JunctionRecord) -> str | None:
             if name in draft.left_out:
                 return name
     return None
-
-
-def _check_size(document: Document) -> None:
-    """Raise MapError if the network of a map would take too long to build."""
-    for road in document.roads.values():
-        if road.length > MAX_ROAD:
-            raise MapError(
-                f"road {road.id!r} says it is {road.length / 1000:,.0f} km long, expected at most {MAX_ROAD / 1000:.0f} km"
-            )
-    samples = sum(map(sample_count, document.roads.values()))
-    if samples > MAX_SAMPLES:
-        raise MapError(
-            f"its lane centre lines would take {samples:,} samples, more than {MAX_SAMPLES:,}; "
-            "check the lengths of its roads, or cut the map into pieces"
-        )
 
 
 def _lane_sides(draft: Draft) -> dict[str, bool]:

@@ -231,8 +231,10 @@ def _line(road: Road, id: int, samples: _Samples, offset: Array, width: Array) -
             middle = float(line.heading[joint - 1]) + kink / 2
             stretch = t / math.cos(kink / 2)
             points[joint - 1] = line.x[joint] - stretch * math.sin(middle), line.y[joint] + stretch * math.cos(middle)
-    _advance(points, keep, heading)
-    _advance(points[::-1], keep[::-1], heading[::-1] + math.pi)
+    # In a tight bend, points after the first point of a lane can lie behind it, and points before the last point beyond it.
+    for line_points, kept, direction in ((points, keep, heading[0]), (points[::-1], keep[::-1], heading[-1] + math.pi)):
+        ahead = (line_points - line_points[0]) @ (math.cos(direction), math.sin(direction)) > -_EPS
+        kept[1 : int(ahead[1:].argmax()) + 1 if ahead[1:-1].any() else 1] = False
     points, s = points[keep], s[keep]
     cut = 0.0 if keep.all() else length - float(np.hypot(*np.diff(points, axis=0).T).sum())
     far = np.concatenate(([True], np.hypot(*np.diff(points, axis=0).T) > _MERGE))
@@ -241,9 +243,3 @@ def _line(road: Road, id: int, samples: _Samples, offset: Array, width: Array) -
     far[-1] = True
     first, middle, last = (float(width[k]) for k in (0, len(width) // 2, -1))
     return LaneLine(points[far], s[far], turning, middle, (first, last), cut)
-
-
-def _advance(points: Array, keep: NDArray[np.bool_], heading: Array) -> None:
-    """Mark in `keep` that the points after a lane's first point that lie behind it, in a tight bend, are dropped."""
-    ahead = (points - points[0]) @ (math.cos(heading[0]), math.sin(heading[0])) > -_EPS
-    keep[1 : int(ahead[1:].argmax()) + 1 if ahead[1:-1].any() else 1] = False

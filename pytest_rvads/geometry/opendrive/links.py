@@ -22,7 +22,7 @@ import numpy as np
 from pytest_rvads.geometry.network import Doubt
 from pytest_rvads.geometry.opendrive.centre_lines import GAP_WARNING, TAPER, continued
 from pytest_rvads.geometry.opendrive.draft import Chain, Draft, LaneEnd
-from pytest_rvads.geometry.opendrive.records import Connection, Document, Road
+from pytest_rvads.geometry.opendrive.records import Document, Road
 from pytest_rvads.geometry.segment import GAP_LIMIT, limits_between
 
 _AHEAD = 0.5
@@ -61,17 +61,26 @@ def link_roads(draft: Draft, road: Road) -> None:
 
 def link_table(draft: Draft, id: str) -> None:
     """Add the links of the connection table of junction `id`."""
-    junction = draft.document.junctions[id]
+    junction, roads = draft.document.junctions[id], draft.document.roads
     for row in junction.connections:
-        end = _incoming_end(draft, id, row)
+        lost = next((name for name in (row.incoming, row.connecting) if name not in roads), None)
+        if lost is not None:
+            draft.warn(Doubt.LINK, f"junction {id!r} names road {lost!r}, which does not exist", None, id)
+            continue
+        if row.contact not in ("start", "end"):
+            roads_of_row = f"from road {row.incoming!r} to road {row.connecting!r}"
+            draft.warn(Doubt.LINK, f"junction {id!r} has a connection {roads_of_row} without contact point", None, id)
+            continue
+        end = draft.document.touching(id, row)
         if end is None:
+            message = f"junction {id!r} names road {row.incoming!r} as incoming, which does not touch it"
+            draft.warn(Doubt.TABLE, message, row.incoming, id)
             continue
         for source, target in row.links:
             ends = (row.incoming, end, source), (row.connecting, row.contact, target)
             pair = draft.pair(*ends)
             if pair is None:
                 draft.idle.append(ends)
-                roads = draft.document.roads
                 missing = [(road, at, lane) for road, at, lane in ends if lane not in roads[road].lanes_at(at)]
                 if missing and ends[0][:2] != ends[1][:2]:
                     road, at, lane = missing[0]
@@ -91,23 +100,6 @@ def link_table(draft: Draft, id: str) -> None:
             f"{only_listed} links into junction {id!r} are only in its table and {only_linked} only in its roads; all were taken"
         )
         draft.warn(Doubt.TABLE, message, None, id)
-
-
-def _incoming_end(draft: Draft, id: str, row: Connection) -> str | None:
-    """Return the end of the incoming road at which a row of a table begins; None, with a warning, if the end is unknown."""
-    missing = next((name for name in (row.incoming, row.connecting) if name not in draft.document.roads), None)
-    if missing is not None:
-        draft.warn(Doubt.LINK, f"junction {id!r} names road {missing!r}, which does not exist", None, id)
-        return None
-    if row.contact not in ("start", "end"):
-        roads_of_row = f"from road {row.incoming!r} to road {row.connecting!r}"
-        draft.warn(Doubt.LINK, f"junction {id!r} has a connection {roads_of_row} without contact point", None, id)
-        return None
-    end = draft.document.touching(id, row)
-    if end is None:
-        message = f"junction {id!r} names road {row.incoming!r} as incoming, which does not touch it"
-        draft.warn(Doubt.TABLE, message, row.incoming, id)
-    return end
 
 
 def turn_links(draft: Draft) -> None:

@@ -142,6 +142,13 @@ class _RoadReader:
         rule = element.get("rule", "").upper()
         lanes = element.find("lanes")
         links = element.find("link")
+        ends = [None if links is None else links.find(tag) for tag in ("predecessor", "successor")]
+        before, after = (
+            RoadLink(end.get("elementType") == "junction", end.get("elementId", ""), end.get("contactPoint", ""))
+            if end is not None and end.get("elementId")
+            else None
+            for end in ends
+        )
         return Road(
             self.id,
             length,
@@ -150,8 +157,8 @@ class _RoadReader:
             tuple(sorted(_shape(geometry, place) for geometry in element.iterfind("planView/geometry"))),
             () if lanes is None else _cubics(lanes, "laneOffset", "s", place),
             () if lanes is None else self._sections(lanes),
-            _link(links, "predecessor"),
-            _link(links, "successor"),
+            before,
+            after,
             tuple(self._signals()),
             any(part.get("type") == "motorway" for part in element.iterfind("type")),
             self._limits([(part, "s", part.find("speed")) for part in element.iterfind("type")]),
@@ -179,8 +186,7 @@ class _RoadReader:
                             continue
                     table[lane.id] = lane
             sections.append(Section(number(element, "s", self.place), table))
-        sections.sort(key=lambda section: section.s)
-        return tuple(sections)
+        return tuple(sorted(sections, key=lambda section: section.s))
 
     def _lane(self, element: Element) -> Lane:
         links = [part for tag in ("predecessor", "successor") for part in element.iterfind(f"link/{tag}")]
@@ -269,15 +275,7 @@ def _shape(element: Element, place: str) -> Shape:
 
 def _cubics(parent: Element, tag: str, station: str, place: str) -> tuple[Cubic, ...]:
     rows = [Cubic(*(number(e, n, place, 0.0) for n in (station, "a", "b", "c", "d"))) for e in parent.iterfind(tag)]
-    rows.sort(key=lambda row: row.s)
-    return tuple(rows)
-
-
-def _link(links: Element | None, tag: str) -> RoadLink | None:
-    element = None if links is None else links.find(tag)
-    if element is None or not element.get("elementId"):
-        return None
-    return RoadLink(element.get("elementType") == "junction", element.get("elementId", ""), element.get("contactPoint", ""))
+    return tuple(sorted(rows, key=lambda row: row.s))
 
 
 def _line(element: Element, road: str, place: str) -> Signal:
@@ -314,11 +312,8 @@ def _signal(element: Element, road: str, place: str) -> Signal:
 
 
 def _validity(element: Element, place: str) -> tuple[tuple[int, int], ...]:
-    ranges = []
-    for part in element.iterfind("validity"):
-        low, high = sorted((integer(part, "fromLane", place), integer(part, "toLane", place)))
-        ranges.append((low, high))
-    return tuple(ranges)
+    ranges = [(integer(part, "fromLane", place), integer(part, "toLane", place)) for part in element.iterfind("validity")]
+    return tuple((min(lanes), max(lanes)) for lanes in ranges)
 
 
 def _junction(element: Element, place: str) -> JunctionRecord:

@@ -425,19 +425,32 @@ class _Attacher:
         The line can lie on the way of another entrance than that of its road. Traffic that crosses the line in another direction
         than the traffic that crosses it first has another line.
         """
-        middle, along, half = _painted(self.draft.document.roads[signal.road], signal)
+        road = self.draft.document.roads[signal.road]
+        x, y, heading = pose_at(road, signal.s)
+        (turn, length), t = signal.across, signal.t
+        if not length:
+            # A line without a length in the file lies across the lanes that it is valid for, or else the lanes on its side of the
+            # road. A line that lies beside all of these is as long as a lane is wide.
+            ranges = [part for part in signal.lanes if part != (0, 0)]
+            lanes = {id: ends for id, ends in borders_at(road, signal.s).items() if id * t >= 0.0}
+            named = [ends for id, ends in lanes.items() if not ranges or any(low <= id <= high for low, high in ranges)]
+            low, high = min(map(min, named), default=t), max(map(max, named), default=t)
+            low, high = (low, high) if low < high and low <= t <= high else (t - _HALF, t + _HALF)
+            turn, length, t = math.pi / 2, high - low, (low + high) / 2
+        middle = np.array([x - t * math.sin(heading), y + t * math.cos(heading)])
+        along = np.array([math.cos(heading + turn), math.sin(heading + turn)])
         crossed: list[tuple[float, float, str]] = []
         for id in self.inside[junction]:
             for before in self.draft.links.pred[id]:
                 lane = self.edges[before]
                 if junction not in self.entered.get(before, ()):
                     continue
-                for station, heading in _crossings(np.vstack((lane.points, self.edges[id].points)), middle, along, half):
-                    crossed.append((round(lane.length - station, 6), heading, before))
+                for station, direction in _crossings(np.vstack((lane.points, self.edges[id].points)), middle, along, length / 2):
+                    crossed.append((round(lane.length - station, 6), direction, before))
         near = sorted(
             (row for row in crossed if -INSIDE <= row[0] <= LINE_RANGE), key=lambda row: (abs(row[0]), row[2]), reverse=True
         )
-        return {before: setback for setback, heading, before in near if math.cos(heading - near[-1][1]) > _SQUARE}
+        return {before: setback for setback, direction, before in near if math.cos(direction - near[-1][1]) > _SQUARE}
 
     def _object(self, signal: Signal, kind: ObjectKind, junction: str, edge: Chain) -> MapObject:
         """Return the map object of a signal of the file, with its position on an entrance edge."""
@@ -461,25 +474,6 @@ def point_of(road: Road, signal: Signal) -> tuple[float, float]:
     """Return the place of a signal [m], `Signal.t` to the left of the reference line of its road."""
     x, y, heading = pose_at(road, signal.s)
     return float(x - signal.t * np.sin(heading)), float(y + signal.t * np.cos(heading))
-
-
-def _painted(road: Road, signal: Signal) -> tuple[Array, Array, float]:
-    """Return the middle of a stop line [m], its unit vector, and half its length [m].
-
-    A line without a length in the file lies across the lanes that it is valid for, or else the lanes on its side of the road. A
-    line that lies beside all of these is as long as a lane is wide.
-    """
-    x, y, heading = pose_at(road, signal.s)
-    (turn, length), t = signal.across, signal.t
-    if not length:
-        ranges = [part for part in signal.lanes if part != (0, 0)]
-        lanes = {id: ends for id, ends in borders_at(road, signal.s).items() if id * t >= 0.0}
-        named = [ends for id, ends in lanes.items() if not ranges or any(low <= id <= high for low, high in ranges)]
-        low, high = min(map(min, named), default=t), max(map(max, named), default=t)
-        low, high = (low, high) if low < high and low <= t <= high else (t - _HALF, t + _HALF)
-        turn, length, t = math.pi / 2, high - low, (low + high) / 2
-    middle = np.array([x - t * math.sin(heading), y + t * math.cos(heading)])
-    return middle, np.array([math.cos(heading + turn), math.sin(heading + turn)]), length / 2
 
 
 def _crossings(path: Array, middle: Array, along: Array, half: float) -> Iterator[tuple[float, float]]:

@@ -176,6 +176,8 @@ class _Reader:
             own_lines = tuple(element.refs("ref_line", "way"))
             referring = self.referring[id]
             drivable = tuple(source for source in referring if source in lanes)
+            shown = [self.osm.ways[way].tags.get("subtype", "") for way in element.refs("refers", "way") if way in self.osm.ways]
+            kinds = [STANDARD.get(re.sub("^(us|de)", "", sign.lower())) for sign in shown]
             if subtype == "traffic_light":
                 if drivable or not referring:  # a light that only crosswalks refer to is for pedestrians
                     rules.regulations.append(Regulation(id, ObjectKind.LIGHT, drivable, own_lines))
@@ -184,10 +186,10 @@ class _Reader:
                 rules.regulations.append(Regulation(id, ObjectKind.STOP, yielding, own_lines))
             elif subtype == "right_of_way":
                 prior, yielding = (tuple(element.refs(role, "relation")) for role in ("right_of_way", "yield"))
-                sign = ObjectKind.STOP if ObjectKind.STOP in self._signs(element) else ObjectKind.YIELD
+                sign = ObjectKind.STOP if ObjectKind.STOP in kinds else ObjectKind.YIELD
                 rules.regulations.append(Regulation(id, sign, yielding, own_lines, prior=prior))
             elif subtype == "traffic_sign":
-                rules.regulations += [Regulation(id, kind, drivable, own_lines) for kind in dict.fromkeys(self._signs(element))]
+                rules.regulations += [Regulation(id, kind, drivable, own_lines) for kind in dict.fromkeys(filter(None, kinds))]
             elif subtype not in ("speed_limit", "road_marking", "crosswalk"):
                 unknown[subtype or "without subtype"] += 1
                 continue
@@ -198,9 +200,3 @@ class _Reader:
             self.warnings.append(MapWarning(Doubt.SIGNAL, message))
         rules.lines = {id: line for id in dict.fromkeys(lines) if (line := self.osm.line(id)) is not None}
         return rules
-
-    def _signs(self, element: Relation) -> list[ObjectKind]:
-        """Return the kinds of the stop, yield and priority signs of a regulatory element."""
-        subtypes = [self.osm.ways[way].tags.get("subtype", "") for way in element.refs("refers", "way") if way in self.osm.ways]
-        kinds = (STANDARD.get(re.sub("^(us|de)", "", subtype.lower())) for subtype in subtypes)
-        return [kind for kind in kinds if kind is not None]

@@ -308,10 +308,9 @@ class _Attacher:
                     for line, distance in self._lines_across(entrance, inside, _boxes(inside), after):
                         key = line, junction, entrance
                         self.setbacks[key] = max(self.setbacks.get(key, distance), distance)
-        objects: dict[tuple[str, str, ObjectKind, str], MapObject] = {}
+        placed: dict[tuple[str, str, ObjectKind, str], tuple[Regulation, float | None]] = {}
         for (line, junction, entrance), distance in self.setbacks.items():
-            stop_line = Regulation(line, ObjectKind.LINE, ())
-            objects[junction, entrance, ObjectKind.LINE, line] = self._object(stop_line, junction, entrance, distance)
+            placed[junction, entrance, ObjectKind.LINE, line] = Regulation(line, ObjectKind.LINE, ()), distance
         crossing = {line for line, *_ in self.setbacks}
         for sign in signs:
             places = self._places(sign)
@@ -328,18 +327,18 @@ class _Attacher:
             for junction, entrance in places:
                 setbacks = [self.setbacks.get((line, junction, entrance)) for line in sign.lines]
                 setback = None if sign.kind is ObjectKind.LIGHT else min((s for s in setbacks if s is not None), default=None)
-                objects[junction, entrance, sign.kind, sign.id] = self._object(sign, junction, entrance, setback)
-        return list(objects.values())
+                placed[junction, entrance, sign.kind, sign.id] = sign, setback
+        objects = []
+        for (junction, entrance, *_), (sign, setback) in placed.items():
+            station = max(self.lanes[entrance].length - max(setback or 0.0, 0.0), 0.0)
+            objects.append(MapObject(sign.id, sign.kind, junction, entrance, station, setback, sign.arrows))
+        return objects
 
     def _check_places(self) -> None:
         if self.places > _MOST_PLACES:
             raise MapError(
                 f"its lights, signs and priorities are for more than {_MOST_PLACES:,} places; check which lanelets they refer to"
             )
-
-    def _object(self, sign: Regulation, junction: str, entrance: str, setback: float | None) -> MapObject:
-        station = max(self.lanes[entrance].length - max(setback or 0.0, 0.0), 0.0)
-        return MapObject(sign.id, sign.kind, junction, entrance, station, setback, sign.arrows)
 
     def _signs_of(self, regulation: Regulation) -> Iterator[Regulation]:
         """Yield the signs of a regulation; a statement about lanelets in a junction is a priority of roads, and no sign."""
@@ -387,7 +386,16 @@ class _Attacher:
 
         The distance is negative for a line in the junction: a little behind the lane, or across the lanelet `after` it.
         """
-        path = self._approach(entrance)
+        # The centre line of the entrance lane with the lanes before it, up to about `_LINE_RANGE`.
+        parts, length, lane = [self.lanes[entrance].points], self.lanes[entrance].length, entrance
+        while length < _LINE_RANGE:
+            before = [id for id in self.links.pred[lane] if id not in self.junctions]
+            if len(before) != 1 or len(parts) > 20:
+                break
+            lane = before[0]
+            parts.insert(0, self.lanes[lane].points)
+            length += self.lanes[lane].length
+        path = np.vstack(parts)
         end, step, last = path[-1], path[-1] - path[-2], len(path) - 1
         path = np.vstack((path, self.lanes[after].points if after else end + _BEYOND * step / np.hypot(*step)))
         stations = stations_of(path)
@@ -408,18 +416,6 @@ class _Attacher:
             setbacks = setbacks[(setbacks <= _LINE_RANGE) & (setbacks >= -INSIDE)]
             if len(setbacks):
                 yield id, round(float(setbacks.max() if after else setbacks.min()), 6)
-
-    def _approach(self, entrance: str) -> Array:
-        """Return the centre line of an entrance lane with the lanes before it, up to about `_LINE_RANGE`."""
-        parts, length, lane = [self.lanes[entrance].points], self.lanes[entrance].length, entrance
-        while length < _LINE_RANGE:
-            before = [id for id in self.links.pred[lane] if id not in self.junctions]
-            if len(before) != 1 or len(parts) > 20:
-                break
-            lane = before[0]
-            parts.insert(0, self.lanes[lane].points)
-            length += self.lanes[lane].length
-        return np.vstack(parts)
 
 
 def _boxes(lines: Mapping[str, Array]) -> Array:
