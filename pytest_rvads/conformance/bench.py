@@ -45,11 +45,7 @@ class Brakes:
 
 
 class Cruises:
-    """A driver that keeps a constant speed, whatever other vehicles do.
-
-    Args:
-        speed: the speed to keep [m/s].
-    """
+    """A driver that keeps a constant speed [m/s], whatever other vehicles do."""
 
     def __init__(self, speed: float = 8.0) -> None:
         self._speed = speed
@@ -60,12 +56,7 @@ class Cruises:
 
 
 class Cast:
-    """A driver that keeps the speed given for its vehicle, whatever other vehicles do; a vehicle without a speed brakes.
-
-    Args:
-        speeds: speed of each vehicle, by the name of the vehicle [m/s].
-        since: time at which each vehicle sets out, by the name of the vehicle [s]; 0 for a vehicle without a time.
-    """
+    """A driver that keeps the speed given for its vehicle [m/s] from its time in `since` on [s]; without a speed, it brakes."""
 
     def __init__(self, speeds: Mapping[str, float], since: Mapping[str, float] = MappingProxyType({})) -> None:
         self._speeds, self._since = speeds, since
@@ -87,12 +78,7 @@ class Steers:
 
 
 class Witness:
-    """A driver that stores each observation, and returns the command of another driver.
-
-    Args:
-        shown: list to which every observation is appended.
-        driver: makes the other driver, which decides on the answers.
-    """
+    """A driver that appends each observation to a list, and returns the command of another driver."""
 
     def __init__(self, shown: list[Observation], driver: Callable[[], Drives] = Brakes) -> None:
         self._shown = shown
@@ -172,15 +158,9 @@ class Bench:
         return self.junctions[0]
 
     def run(self, case: Case, decision: float | None = None) -> Run:
-        """Return the run of a case.
+        """Return the run of a case; raise Broken if the run has no stations, speeds or poses, or is damaged.
 
-        Args:
-            case: the case to simulate.
-            decision: limit of the real time of a call of a driver [s]; by default `longest`, the limit of a run.
-
-        Raises:
-            RvadsError: the simulator refuses the case, or returns no run of the case.
-            Broken: the run has no stations, speeds or poses, or is damaged.
+        `decision` is the limit of the real time of a call of a driver [s]; by default `longest`, the limit of a run.
         """
         with limits(decision=self.longest if decision is None else decision, run=self.longest):
             run = answered(case, self.simulator)
@@ -196,11 +176,7 @@ class Bench:
         return crowd(self.place, driver, most=most, **scenario)
 
     def queue(self, followers: int, **scenario: Any) -> Case:
-        """Return a case at the first junction with braking vehicles at its first entrances, and followers behind each vehicle.
-
-        Raises:
-            NotTried: the approaches have no room for the followers.
-        """
+        """Return a case at the first junction with braking vehicles at its first entrances, and followers behind each vehicle."""
         case = self.alone(Brakes, followers=followers, **scenario)
         try:
             case.starts()
@@ -209,11 +185,7 @@ class Bench:
         return case
 
     def trips(self) -> Iterator[tuple[Case, Run]]:
-        """Yield a case and its run for every driver at every junction, at low speed; each run is made only once.
-
-        Raises:
-            Broken: a run ended by a fault.
-        """
+        """Yield a case and its run for every driver at every junction, at low speed; each run is made only once."""
         cases = [crowd(place, driver, speed=3.0, duration=12.0) for place in self.junctions for driver in self.drivers]
         for number, case in enumerate(cases):
             if number == len(self._trips):
@@ -234,11 +206,7 @@ Look = Callable[[Bench], Iterator[str]]
 def crowd(place: Junction, driver: Factory, *, most: int | None = None, **scenario: Any) -> Case:
     """Return a case with a vehicle at every entrance of a junction, or a vehicle per arm if vehicles at all entrances don't fit.
 
-    Args:
-        place: the junction.
-        driver: the driver of every vehicle.
-        most: largest number of vehicles, which start at the first entrances; None for no limit.
-        scenario: arguments of `Scenario`; by default the distances of the entrances differ.
+    At most `most` vehicles start, at the first entrances. By default the distances of the entrances differ.
     """
     ways = [place.directions(entrance) for entrance in range(len(place.entrances))]
     code = tuple(found[0] if found else 0 for found in ways)
@@ -255,6 +223,12 @@ def crowd(place: Junction, driver: Factory, *, most: int | None = None, **scenar
             continue
         return case
     return case
+
+
+def wrong_end(run: Run, end: str) -> Iterator[str]:
+    """Yield an error if the provenance of a run gives another reason of the end than `end`."""
+    if (got := run.provenance.get("end")) != end:
+        yield f"{run.label}: its provenance says that it ended by {got!r}, expected {end!r} under 'end'"
 
 
 def among(place: Junction, movements: dict[Movement, float], driver: Factory, **scenario: Any) -> Case:

@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from pytest_rvads.conformance.bench import Bench, Brakes, Cast, Cruises, NotTried, Witness, among, meeting, straight
+from pytest_rvads.conformance.bench import Bench, Brakes, Cast, Cruises, NotTried, Witness, among, meeting, straight, wrong_end
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.sweep import EXIT_LENGTH
@@ -154,8 +154,7 @@ def _collides(bench: Bench, case: Case) -> Iterator[str]:
             f"{run.label}: the collision is at {collision.speed:.2f} m/s, the two move apart or together at {impact:.2f} m/s "
             "before it"
         )
-    if run.provenance.get("end") != "collision":
-        yield f"{run.label}: its provenance says that it ended by {run.provenance.get('end')!r}, expected 'collision' under 'end'"
+    yield from wrong_end(run, "collision")
 
 
 def _wider(run: Run) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from pytest_rvads.conformance.bench import Bench, Brakes, Cruises, Witness, crowd, own_row
+from pytest_rvads.conformance.bench import Bench, Brakes, Cruises, Witness, crowd, own_row, wrong_end
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.logic.conduct.validate import validate
 from pytest_rvads.runs.itineraries import Itinerary
@@ -62,16 +62,14 @@ def clock(bench: Bench) -> Iterator[str]:
             there = float(run.need("station")[tick, 0])
             yield (
                 f"{run.label}: at {seen.time:.2f} s the driver was shown station {seen.me.station:.3f} m, the run has "
-                f"{there:.3f} m: "
-                "record the state that drivers decide on, once"
+                f"{there:.3f} m: record the state that drivers decide on, once"
             )
             break
     way = float(np.ptp(run.need("station")[:, 0]))
     if not 0.85 <= way / (_SPEED * _WHILE) <= 1.15:
         yield (
             f"{run.label}: a vehicle that keeps {_SPEED:g} m/s got on by {way:.2f} m in {_WHILE:g} s, expected "
-            f"{_SPEED * _WHILE:g} m: "
-            f"advance the plant by {DT:g} s per state"
+            f"{_SPEED * _WHILE:g} m: advance the plant by {DT:g} s per state"
         )
 
 
@@ -83,7 +81,7 @@ def ends(bench: Bench) -> Iterator[str]:
     """
     for duration in (0.5, 0.37):
         run = bench.run(bench.alone(Brakes, duration=duration))
-        yield from _said(run, "duration")
+        yield from wrong_end(run, "duration")
         if run.steps != round(duration / DT) + 1:
             yield (
                 f"{run.label}: {run.steps} states, expected {round(duration / DT) + 1}: a run of {duration:g} s ends at that time"
@@ -97,17 +95,12 @@ def ends(bench: Bench) -> Iterator[str]:
             if driver is Cruises:
                 yield f"{run.label}: the vehicle has not left after {run.duration:.2f} s at up to 8 m/s, expected it to drive"
             continue
-        yield from _said(run, "left")
+        yield from wrong_end(run, "left")
         more = run.steps - 1 - int(left.argmax())
         if more:
             yield (
                 f"{run.label}: {more} states follow the one in which the last vehicle has left, expected none: end the run there"
             )
-
-
-def _said(run: Run, end: str) -> Iterator[str]:
-    if (got := run.provenance.get("end")) != end:
-        yield f"{run.label}: its provenance says that it ended by {got!r}, expected {end!r} under 'end'"
 
 
 def integrity(bench: Bench) -> Iterator[str]:

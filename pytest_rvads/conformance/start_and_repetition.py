@@ -21,7 +21,7 @@ from pytest_rvads import __version__
 from pytest_rvads.conformance.bench import Bench, Brakes, Broken, NotTried, crowd, own_row, set_back
 from pytest_rvads.physics.body import start
 from pytest_rvads.physics.braking import FASTEST
-from pytest_rvads.runs.run import DT, Run
+from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.states import Vehicle, Zone
 from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.simulators.patience import limits
@@ -94,32 +94,26 @@ def start_places(bench: Bench) -> Iterator[str]:
 
 def _start(bench: Bench, case: Case) -> Iterator[str]:
     run = bench.run(case)
-    for column, wanted in enumerate(case.starts()):
-        for wrong in _placed(case, run, column, *wanted):
-            yield f"{run.label}: {run.agents[column].name} starts {wrong}"
-
-
-def _placed(case: Case, run: Run, column: int, distance: float, speed: float) -> Iterator[str]:
-    way = case.scenario.itineraries()[column]
-    station, vehicle = way.start(distance), case.fleet.of(run.agents[column].name)
-    x, y, heading = (float(number) for number in run.need("pose")[0, column])
-    got, fast = float(run.need("station")[0, column]), float(run.need("speed")[0, column])
-    here, yaw = way.pose(station), start(way, station, speed, vehicle).yaw
-    # Each comparison is false for NaN.
-    if not abs(got - station) <= PLACE:
-        yield (
-            f"at station {got:.2f} m, expected {station:.2f} m, {distance:g} m before its stopping line: measure from the front "
-            "bumper"
-        )
-    if not math.hypot(x - here.x, y - here.y) <= PLACE:
-        yield f"at ({x:.2f}, {y:.2f}), expected ({here.x:.2f}, {here.y:.2f}): give x and y of the front bumper, on the map"
-    if not abs(fast - speed) <= SPEED:
-        yield f"at {fast:.2f} m/s, expected {speed:.2f} m/s: the first state is that at 0 s, before anything moves"
-    if not abs(math.remainder(heading - yaw, math.tau)) <= HEADING:
-        yield f"with heading {heading:.2f}, expected {yaw:.2f} rad: counter-clockwise from east, in radians"
-    if run.zone[0, column] != way.zone(got):
-        zone = Zone(int(run.zone[0, column])).name.lower()
-        yield f"in zone {zone}, expected {way.zone(got).name.lower()}: take it from Itinerary.zone"
+    for column, (distance, speed) in enumerate(case.starts()):
+        name, way = run.agents[column].name, case.scenario.itineraries()[column]
+        starts, station = f"{run.label}: {name} starts", way.start(distance)
+        x, y, heading = (float(number) for number in run.need("pose")[0, column])
+        got, fast = float(run.need("station")[0, column]), float(run.need("speed")[0, column])
+        here, yaw = way.pose(station), start(way, station, speed, case.fleet.of(name)).yaw
+        # Each comparison is false for NaN.
+        if not abs(got - station) <= PLACE:
+            line = f"{station:.2f} m, {distance:g} m before its stopping line"
+            yield f"{starts} at station {got:.2f} m, expected {line}: measure from the front bumper"
+        if not math.hypot(x - here.x, y - here.y) <= PLACE:
+            places = f"({x:.2f}, {y:.2f}), expected ({here.x:.2f}, {here.y:.2f})"
+            yield f"{starts} at {places}: give x and y of the front bumper, on the map"
+        if not abs(fast - speed) <= SPEED:
+            yield f"{starts} at {fast:.2f} m/s, expected {speed:.2f} m/s: the first state is that at 0 s, before anything moves"
+        if not abs(math.remainder(heading - yaw, math.tau)) <= HEADING:
+            yield f"{starts} with heading {heading:.2f}, expected {yaw:.2f} rad: counter-clockwise from east, in radians"
+        if run.zone[0, column] != way.zone(got):
+            zone = Zone(int(run.zone[0, column])).name.lower()
+            yield f"{starts} in zone {zone}, expected {way.zone(got).name.lower()}: take it from Itinerary.zone"
 
 
 def impossible_cases(bench: Bench) -> Iterator[str]:

@@ -22,6 +22,7 @@ from pytest_rvads.conformance.bench import (
     crowd,
     own_row,
     unmade,
+    wrong_end,
 )
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.geometry.segment import SPEED_LIMIT
@@ -102,22 +103,19 @@ def faults(bench: Bench) -> Iterator[str]:
     case = bench.alone(Brakes, most=2, duration=0.2)
     before = bench.run(case).hash
     for driver, states in ((Raises, FAULTY_FROM + 1), (NotANumber, FAULTY_FROM + 1), (unmade, 1)):
+        kind = str(getattr(driver, "__qualname__", driver))
         try:
             run = bench.run(Case(case.scenario, driver))
         except Broken:
             raise
         except Exception as error:
-            yield f"a driver that is {_kind(driver)} makes the simulator raise {error!r:.120}, expected a run with Run.fault set"
+            yield f"a driver that is {kind} makes the simulator raise {error!r:.120}, expected a run with Run.fault set"
             continue
-        yield from _ended(run, _kind(driver), states)
-        if run.fault is not None and run.provenance.get("end") != "fault":
-            yield f"{run.label}: its provenance says that it ended by {run.provenance.get('end')!r}, expected 'fault' under 'end'"
+        yield from _ended(run, kind, states)
+        if run.fault is not None:
+            yield from wrong_end(run, "fault")
     if bench.run(case).hash != before:
         yield f"{case.scenario.name}: after runs with faults its run is another one than before: leave nothing of a run behind"
-
-
-def _kind(driver: object) -> str:
-    return str(getattr(driver, "__qualname__", driver))
 
 
 def _ended(run: Run, driver: str, states: int) -> Iterator[str]:
@@ -155,8 +153,8 @@ def hanging(bench: Bench) -> Iterator[str]:
         )
         return
     yield from _ended(run, "Hangs", FAULTY_FROM + 1)
-    if run.fault is not None and run.provenance.get("end") != "late":
-        yield f"{run.label}: its provenance says that it ended by {run.provenance.get('end')!r}, expected 'late' under 'end'"
+    if run.fault is not None:
+        yield from wrong_end(run, "late")
 
 
 def subject_and_traffic(bench: Bench) -> Iterator[str]:
@@ -171,8 +169,7 @@ def subject_and_traffic(bench: Bench) -> Iterator[str]:
         if (way[column] > 0.1) != (agent.name == run.subject):
             yield (
                 f"{run.label}: {agent.name} moves {way[column]:.2f} m in 1 s, where the subject {run.subject} is to drive off "
-                "and the "
-                "traffic to stand: Case.driver drives the subject, Case.traffic all others"
+                "and the traffic to stand: Case.driver drives the subject, Case.traffic all others"
             )
     if run.facts.speed_limit != SPEED_LIMIT:
         yield (
@@ -192,8 +189,8 @@ def leaving_the_route(bench: Bench) -> Iterator[str]:
         yield f"{run.label}: {first} steers off its route, its facts name {run.facts.strayed} as strayed, expected ({first!r},)"
     elif not off_route(run, 0)[-1] or off_route(run, 0)[:-1].any():
         yield f"{run.label}: {first} is not off its route for the first time in the last state: end the run when it is"
-    elif run.provenance.get("end") != "route":
-        yield f"{run.label}: its provenance says that it ended by {run.provenance.get('end')!r}, expected 'route' under 'end'"
+    else:
+        yield from wrong_end(run, "route")
 
 
 def brakes_by_its_envelope(bench: Bench) -> Iterator[str]:

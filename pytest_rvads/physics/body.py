@@ -56,11 +56,7 @@ class World(Protocol):
         """Return the motion of every body, in the order of the vehicles given to the `WorldMaker`."""
 
     def step(self, forces: Sequence[float]) -> None:
-        """Advance by one step of `DT`.
-
-        Args:
-            forces: force along x [N], along y [N] and moment about the vertical [N m] per body, in one flat sequence.
-        """
+        """Advance by one step of `DT` under forces along x [N] and y [N] and a moment about the vertical [N m] per body, flat."""
 
     def contacts(self) -> list[tuple[int, int]]:
         """Return the pairs (lower index first) of bodies that touched at the start of the last step."""
@@ -82,9 +78,7 @@ The state of the engine is built anew for every world, so that a run does not de
 class Dynamics:
     """Actuators and tyres of one vehicle. The state consists of the actuators and the last acceleration.
 
-    Args:
-        vehicle: parameters of the vehicle.
-        aggression: braking level 1, 2 or 3, which selects the deceleration at full service brake.
+    The braking level `aggression`, 1, 2 or 3, selects the deceleration at full service brake.
     """
 
     def __init__(self, vehicle: Vehicle, aggression: int = 1) -> None:
@@ -116,16 +110,10 @@ class Dynamics:
     def forces(
         self, cos: float, sin: float, vx: float, vy: float, yaw_rate: float, throttle: float, brake: float, steering: float
     ) -> tuple[float, float, float]:
-        """Advance the actuators by one step and return the forces on the body during this step.
+        """Advance the actuators by one step, and return force along the map's x [N], along its y [N], and moment [N m] during it.
 
-        Args:
-            vx: velocity of the centre of gravity along the map's x [m/s].
-            vy: velocity of the centre of gravity along the map's y [m/s].
-            yaw_rate: change of the heading [rad/s].
-            steering: wanted angle of the front wheels [rad]; clamped to what the vehicle can turn.
-
-        Returns:
-            Force along the map's x [N], along its y [N], moment about the vertical [N m].
+        `vx` and `vy` are the velocity of the centre of gravity along the map's x and y [m/s], and `yaw_rate` is the change of the
+        heading [rad/s]. `steering`, the wanted angle of the front wheels [rad], is clamped to what the vehicle can turn.
         """
         self.drive += self._push_share * (throttle * self._push - self.drive)
         self.brake += self._hold_share * (brake * self._hold - self.brake)
@@ -202,15 +190,7 @@ def _cornering(slip: float, along: float, stiffness: float, cap: float) -> float
 
 
 class Body:
-    """One simulated vehicle: its station on the itinerary, and its dynamics.
-
-    Args:
-        agent: the agent of the body.
-        itinerary: itinerary of the agent.
-        station: station of the reference point at the start [m].
-        vehicle: parameters of the vehicle.
-        aggression: braking level 1, 2 or 3 of the scenario.
-    """
+    """One simulated vehicle: its dynamics, and its station on the itinerary, at the start that of its reference point [m]."""
 
     state: VehicleState
     """The last sampled state."""

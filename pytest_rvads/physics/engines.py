@@ -31,19 +31,24 @@ _MOST = 40
 
 
 class BulletWorld:
-    """A `World` in pybullet.
-
-    The state of the engine is built anew for every world, so that a run does not depend on earlier runs.
-
-    Args:
-        vehicles: mass, inertia and body of every vehicle.
-        starts: initial motion of every body, in the same order.
-    """
+    """A `World` in pybullet, see `WorldMaker`."""
 
     def __init__(self, vehicles: Sequence[Vehicle], starts: Sequence[Motion]) -> None:
-        self._bullet, self._client = _acquire()
-        self._open = True
-        bullet, client = self._bullet, self._client
+        try:
+            with _silent_stderr():  # the import prints a line
+                import pybullet
+        except ModuleNotFoundError:
+            raise RunError(needs("the world of bullet", "pybullet", "bullet")) from None
+        bullet: ModuleType = pybullet
+        pid = os.getpid()
+        # An engine connected before a fork belongs to the parent process, and a driver could have disconnected an engine.
+        _free[:] = [entry for entry in _free if entry[0] == pid and bullet.isConnected(entry[1])]
+        client = _free.pop()[1] if _free else bullet.connect(bullet.DIRECT)
+        if client == 0:  # engine 0 is left to drivers that use pybullet without naming an engine
+            client = bullet.connect(bullet.DIRECT)
+        if client < 0:
+            raise RunError("pybullet has no engine left for another world: close worlds that are no longer used")
+        self._bullet, self._client, self._open = bullet, client, True
         bullet.resetSimulation(physicsClientId=client)
         # A reset also resets the settings of the solver.
         bullet.setPhysicsEngineParameter(fixedTimeStep=DT, numSubSteps=0, deterministicOverlappingPairs=1, physicsClientId=client)
@@ -54,15 +59,11 @@ class BulletWorld:
         self._first = {group: first for (group, _, _), first in zip(self._groups, firsts, strict=True)}
         """First vehicle of each multibody."""
         for body, start in enumerate(starts):
-            group, link = self._link(body)
+            group, link = self._groups[body // _MOST][0], body % _MOST * 3
             for joint, (place, velocity) in enumerate(zip(start[:3], start[3:], strict=True), start=link):
                 bullet.resetJointState(group, joint, place, velocity, physicsClientId=client)
         # Vehicles that start inside each other are an error of the case, so contacts are detected before the first step, too.
         bullet.performCollisionDetection(physicsClientId=client)
-
-    def _link(self, body: int) -> tuple[int, int]:
-        """Return the number of the multibody that holds `body`, and the number of the first of the three joints of `body`."""
-        return self._groups[body // _MOST][0], body % _MOST * 3
 
     def _build(self, vehicles: Sequence[Vehicle]) -> tuple[int, list[int]]:
         """Make a multibody of at most `_MOST` vehicles; return its number and its joints."""
@@ -147,7 +148,7 @@ class BulletWorld:
     def remove(self, body: int) -> None:
         """Take `body` out of the world: the body stands still and touches nothing any more."""
         self._check_open()
-        group, link = self._link(body)
+        group, link = self._groups[body // _MOST][0], body % _MOST * 3
         self._bullet.setCollisionFilterGroupMask(group, link + 2, 0, 0, physicsClientId=self._client)
         for joint in range(link, link + 3):
             place = self._bullet.getJointState(group, joint, physicsClientId=self._client)[0]
@@ -166,25 +167,6 @@ class BulletWorld:
 
 _free: list[tuple[int, int]] = []
 """Connected engines without a world, each with its process id; a connection takes 20 ms, a reset 0.3 ms."""
-
-
-def _acquire() -> tuple[ModuleType, int]:
-    """Return pybullet and an engine that no open world uses."""
-    try:
-        with _silent_stderr():  # the import prints a line
-            import pybullet
-    except ModuleNotFoundError:
-        raise RunError(needs("the world of bullet", "pybullet", "bullet")) from None
-    bullet: ModuleType = pybullet
-    pid = os.getpid()
-    # An engine connected before a fork belongs to the parent process, and a driver could have disconnected an engine.
-    _free[:] = [entry for entry in _free if entry[0] == pid and bullet.isConnected(entry[1])]
-    client = _free.pop()[1] if _free else bullet.connect(bullet.DIRECT)
-    if client == 0:  # engine 0 is left to drivers that use pybullet without naming an engine
-        client = bullet.connect(bullet.DIRECT)
-    if client < 0:
-        raise RunError("pybullet has no engine left for another world: close worlds that are no longer used")
-    return bullet, client
 
 
 @contextlib.contextmanager
@@ -210,12 +192,7 @@ _NONE = 0
 
 
 class MujocoWorld:
-    """A `World` in MuJoCo.
-
-    Args:
-        vehicles: mass, inertia and body of every vehicle.
-        starts: initial motion of every body, in the same order.
-    """
+    """A `World` in MuJoCo, see `WorldMaker`."""
 
     def __init__(self, vehicles: Sequence[Vehicle], starts: Sequence[Motion]) -> None:
         try:

@@ -60,6 +60,5 @@ def code() -> str:
     return digest.hexdigest()
 
 
-@lru_cache(maxsize=64)  # every run needs the versions, and a search for a version reads a large file
-def _version(library: str) -> str:
-    return version(library)
+_version = lru_cache(maxsize=64)(version)
+"""Every run needs the versions, and a search for a version reads a large file."""

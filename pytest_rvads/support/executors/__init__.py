@@ -66,7 +66,12 @@ def gathered(
     """
     kept_apart = isinstance(executor, Apart)
     if not isinstance(executor, Executor):
-        executor = _number_of_processes(executor, jobs)
+        if executor is not None and (isinstance(executor, bool) or not isinstance(executor, int) or executor < 1):
+            raise RvadsError(
+                f"executor= takes a number of processes from 1 on, or a concurrent.futures.Executor, got {executor!r:.60}"
+            )
+        executor = executor or os.cpu_count() or 1
+        executor = max(1, min(executor, len(jobs))) if isinstance(jobs, Sized) else executor
     if executor == 1 and not kept_apart:
         for number, job in enumerate(jobs):
             yield number, tried(work, job)
@@ -126,12 +131,3 @@ def _completed(team: Team, parts: Iterator[Part]) -> Iterator[tuple[Part, list[A
     finally:
         for future in flying:
             future.cancel()
-
-
-def _number_of_processes(processes: int | None, jobs: object) -> int:
-    if processes is not None and (isinstance(processes, bool) or not isinstance(processes, int) or processes < 1):
-        raise RvadsError(
-            f"executor= takes a number of processes from 1 on, or a concurrent.futures.Executor, got {processes!r:.60}"
-        )
-    count = processes or os.cpu_count() or 1
-    return max(1, min(count, len(jobs))) if isinstance(jobs, Sized) else count

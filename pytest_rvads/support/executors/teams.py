@@ -22,8 +22,6 @@ AHEAD = 4
 """Parts (groups of jobs) per worker that are submitted before the oldest part is done; more would wait for a slow job."""
 _Job = TypeVar("_Job")
 _Result = TypeVar("_Result")
-
-
 _UNKNOWN = 512
 """Number of parts that are submitted and not done at the same time, if an executor does not state its number of workers."""
 DIED = "died, perhaps for lack of memory, or because its driver hung or ended it"
@@ -91,14 +89,14 @@ class Foreign:
     def __init__(self, work: Callable[[Any], Any], executor: Executor) -> None:
         workers = getattr(executor, "_max_workers", None)  # set by executors of the standard library
         self.ahead = AHEAD * workers if isinstance(workers, int) else _UNKNOWN
-        self._work, self._executor = work, executor
+        self._work, self._executor, self._name = work, executor, f"the executor {type(executor).__name__}"
         self._numbers = count()
         """Numbers of the submissions; Dask would return the result of an earlier submission with equal arguments."""
 
     def submit(self, part: Part) -> Future[Any]:
         """Submit a part."""
         try:
-            return self._executor.submit(_done, self._work, part.jobs, next(self._numbers))
+            return self._executor.submit(_answers, self._work, part.jobs, next(self._numbers))
         except Exception as error:  # each executor has its own exceptions
             raise self._gone(error) from error
 
@@ -134,10 +132,6 @@ class Foreign:
 
     stop = close
 
-    @property
-    def _name(self) -> str:
-        return f"the executor {type(self._executor).__name__}"
-
     def _gone(self, error: BaseException) -> ExecutorGone:
         return ExecutorGone(f"{self._name} takes no more work, its workers or scheduler are gone: {_text_of(error)}")
 
@@ -149,9 +143,7 @@ Team: TypeAlias = Own | Foreign
 class Crew(Generic[_Job, _Result]):
     """Worker processes of the calling process. They end when the calling process ends, even if it is killed, and ignore Ctrl-C.
 
-    Args:
-        begin: called in each worker process; returns the function that does the jobs.
-        processes: number of processes.
+    `begin` is called in each worker process, and returns the function that does the jobs.
     """
 
     def __init__(self, begin: Callable[[], Callable[[_Job], _Result]], processes: int) -> None:
@@ -225,22 +217,18 @@ def _opener(work: bytes) -> Callable[[bytes], list[Any]]:
     return lambda packed: _answers(function, pickle.loads(packed))
 
 
-def _answers(work: Callable[[Any], Any], jobs: Sequence[Any]) -> list[Any]:
-    return [_picklable(tried(work, job)) for job in jobs]
-
-
-def _done(work: Callable[[Any], Any], jobs: Sequence[Any], _number: int) -> list[Any]:
-    return _answers(work, jobs)
-
-
-def _picklable(answer: Any) -> Any:
-    """Return an answer that can be sent to another process; an exception that can't be unpickled is replaced by its text."""
-    if isinstance(answer, Failed):
-        try:
-            pickle.loads(pickle.dumps(answer))
-        except Exception:
-            return Failed(RvadsError(_text_of(answer.error)))
-    return answer
+def _answers(work: Callable[[Any], Any], jobs: Sequence[Any], _number: int = 0) -> list[Any]:
+    """Return an answer per job, for another process; an exception that can't be unpickled there is replaced by its text."""
+    answers = []
+    for job in jobs:
+        answer = tried(work, job)
+        if isinstance(answer, Failed):
+            try:
+                pickle.loads(pickle.dumps(answer))
+            except Exception:
+                answer = Failed(RvadsError(_text_of(answer.error)))
+        answers.append(answer)
+    return answers
 
 
 def tried(work: Callable[[Any], Any], job: Any) -> Any:
