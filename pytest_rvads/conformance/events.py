@@ -136,24 +136,18 @@ def _collides(bench: Bench, case: Case) -> Iterator[str]:
     early = len(touch) and touch[0] * DT < collision.time - EARLY
     if not around.any() or early:
         bodies = f"overlap from {touch[0] * DT:.2f} s on" if len(touch) else "never overlap"
-        yield (
-            f"{run.label}: the collision of {names} is said to be at {collision.time:.2f} s, their bodies {bodies}: poses and "
-            "sizes decide"
-        )
+        told = f"the collision of {names} is said to be at {collision.time:.2f} s"
+        yield f"{run.label}: {told}, their bodies {bodies}: poses and sizes decide"
     if run.steps - 1 - tick > 2:
-        yield (
-            f"{run.label}: the run goes on for {run.duration - collision.time:.2f} s after the collision, expected it to end "
-            "there"
-        )
+        more = run.duration - collision.time
+        yield f"{run.label}: the run goes on for {more:.2f} s after the collision, expected it to end there"
     before = max(min(tick, run.steps - 1) - 1, 0)
     (_, _, one), (_, _, two) = run.need("pose")[before]
     fast, slow = run.need("speed")[before]
     impact = math.hypot(fast * math.cos(one) - slow * math.cos(two), fast * math.sin(one) - slow * math.sin(two))
     if abs(collision.speed - impact) > 0.5 + 0.1 * impact:
-        yield (
-            f"{run.label}: the collision is at {collision.speed:.2f} m/s, the two move apart or together at {impact:.2f} m/s "
-            "before it"
-        )
+        speed = f"{collision.speed:.2f} m/s"
+        yield f"{run.label}: the collision is at {speed}, the two move apart or together at {impact:.2f} m/s before it"
     yield from wrong_end(run, "collision")
 
 
@@ -181,10 +175,8 @@ def passing(bench: Bench) -> Iterator[str]:
                         "ways are "
                         f"{apart:.2f} m apart and they are {width:.2f} m wide: bodies have the length and width of their vehicles"
                     )
-                if not run.collisions and run.provenance.get("end") != "left":
-                    yield (
-                        f"{run.label}: it ended by {run.provenance.get('end')!r}, expected 'left': both drive past each other "
-                        "and away"
-                    )
+                end = run.provenance.get("end")
+                if not run.collisions and end != "left":
+                    yield f"{run.label}: it ended by {end!r}, expected 'left': both drive past each other and away"
                 return
     raise NotTried("no junction has two straight movements in opposite directions: give one")

@@ -60,10 +60,8 @@ def clock(bench: Bench) -> Iterator[str]:
             break
         if tick < run.steps and abs(seen.me.station - float(run.need("station")[tick, 0])) > 1e-6:
             there = float(run.need("station")[tick, 0])
-            yield (
-                f"{run.label}: at {seen.time:.2f} s the driver was shown station {seen.me.station:.3f} m, the run has "
-                f"{there:.3f} m: record the state that drivers decide on, once"
-            )
+            shows = f"at {seen.time:.2f} s the driver was shown station {seen.me.station:.3f} m, the run has {there:.3f} m"
+            yield f"{run.label}: {shows}: record the state that drivers decide on, once"
             break
     way = float(np.ptp(run.need("station")[:, 0]))
     if not 0.85 <= way / (_SPEED * _WHILE) <= 1.15:
@@ -82,10 +80,9 @@ def ends(bench: Bench) -> Iterator[str]:
     for duration in (0.5, 0.37):
         run = bench.run(bench.alone(Brakes, duration=duration))
         yield from wrong_end(run, "duration")
-        if run.steps != round(duration / DT) + 1:
-            yield (
-                f"{run.label}: {run.steps} states, expected {round(duration / DT) + 1}: a run of {duration:g} s ends at that time"
-            )
+        states = round(duration / DT) + 1
+        if run.steps != states:
+            yield f"{run.label}: {run.steps} states, expected {states}: a run of {duration:g} s ends at that time"
     for driver in (Cruises, *bench.drivers):
         case = bench.alone(driver, distance=3.0, speed=2.0, duration=60.0)
         run = bench.run(case)

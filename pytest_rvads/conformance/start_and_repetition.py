@@ -59,22 +59,21 @@ def envelope_is_a_curve(bench: Bench) -> Iterator[str]:
             except RunError as error:
                 yield str(error)
                 return
-            found, asked = -1.0 if speed is None else speed, f"vmax({distance:g}, aggression={aggression})"
+            found = -1.0 if speed is None else speed
+            speed_text = "None" if speed is None else f"{speed:.3f} m/s"
+            answer = f"vmax({distance:g}, aggression={aggression}) is {speed_text}"
             if found > FASTEST + 1e-9:
-                yield f"{asked} is {found:.3f} m/s, expected at most {FASTEST:g} m/s: test no faster speeds"
+                yield f"{answer}, expected at most {FASTEST:g} m/s: test no faster speeds"
             if found < before or found < least.get(distance, -1.0):
-                yield f"{asked} is {_speed(speed)}, less than with less distance or softer braking: make it grow with both"
+                yield f"{answer}, less than with less distance or softer braking: make it grow with both"
             before = least[distance] = found
     for distance in (-1.0, math.nan):
         try:
             got = vmax(distance, simulator=bench.simulator)
         except ScenarioError:
             continue
-        yield f"vmax({distance:g}) is {_speed(got)}, expected a ScenarioError: refuse a distance that is none"
-
-
-def _speed(value: float | None) -> str:
-    return "None" if value is None else f"{value:.3f} m/s"
+        speed_text = "None" if got is None else f"{got:.3f} m/s"
+        yield f"vmax({distance:g}) is {speed_text}, expected a ScenarioError: refuse a distance that is none"
 
 
 def start_places(bench: Bench) -> Iterator[str]:

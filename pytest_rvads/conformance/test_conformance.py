@@ -87,12 +87,7 @@ def demand(name: str) -> str:
 def faults(name: str, bench: Bench) -> tuple[str, ...]:
     """Run a check, and return the errors of the simulator as at most three sentences; an empty tuple if the check passes.
 
-    Args:
-        name: name of the check.
-        bench: the simulator, with the drivers and junctions of the checks.
-
-    Raises:
-        NotTried: no junction of the bench has what the check needs.
+    NotTried is raised if no junction of the bench has what the check needs.
     """
     try:
         return tuple(islice(CHECKS[name][0](bench), _MOST))

@@ -147,10 +147,8 @@ def hanging(bench: Bench) -> Iterator[str]:
     except Broken:
         raise
     except Exception as error:
-        yield (
-            f"{case.scenario.name}: a driver that hangs makes the simulator raise {error!r:.160}, expected a run with Run.fault "
-            "set"
-        )
+        name = case.scenario.name
+        yield f"{name}: a driver that hangs makes the simulator raise {error!r:.160}, expected a run with Run.fault set"
         return
     yield from _ended(run, "Hangs", FAULTY_FROM + 1)
     if run.fault is not None:
@@ -171,11 +169,9 @@ def subject_and_traffic(bench: Bench) -> Iterator[str]:
                 f"{run.label}: {agent.name} moves {way[column]:.2f} m in 1 s, where the subject {run.subject} is to drive off "
                 "and the traffic to stand: Case.driver drives the subject, Case.traffic all others"
             )
-    if run.facts.speed_limit != SPEED_LIMIT:
-        yield (
-            f"{run.label}: its facts have the speed limit {run.facts.speed_limit}, expected {SPEED_LIMIT:g} m/s: rules judge by "
-            "it"
-        )
+    limit = run.facts.speed_limit
+    if limit != SPEED_LIMIT:
+        yield f"{run.label}: its facts have the speed limit {limit}, expected {SPEED_LIMIT:g} m/s: rules judge by it"
 
 
 def leaving_the_route(bench: Bench) -> Iterator[str]:
@@ -202,10 +198,8 @@ def brakes_by_its_envelope(bench: Bench) -> Iterator[str]:
         distance = _BRAKING_FROM / aggression
         speed = vmax(distance, aggression, simulator=bench.simulator)
         if speed is None:
-            yield (
-                f"vmax({distance:g}, aggression={aggression}) is None, expected a speed: {distance:g} m are enough for a slow "
-                "vehicle"
-            )
+            asked = f"vmax({distance:g}, aggression={aggression})"
+            yield f"{asked} is None, expected a speed: {distance:g} m are enough for a slow vehicle"
             continue
         for share, stops in ((1.0, True), (1.3, False)):
             case = bench.alone(Brakes, distance=distance, speed=share * speed, aggression=aggression, duration=10.0)

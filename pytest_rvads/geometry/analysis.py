@@ -141,10 +141,7 @@ def cut(graph: MetricGraph, id: str) -> Cut:
 
 
 def joints_of(cuts: Iterable[Cut]) -> frozenset[str]:
-    """Return the ids of junctions of two arms of which an arm has several lanes in a direction, as where turn lanes begin.
-
-    Such a junction only joins two roads.
-    """
+    """Return the ids of junctions that only join two roads: of two arms, one has several lanes in a direction, as for turns."""
     return frozenset(
         cut.id
         for cut in cuts

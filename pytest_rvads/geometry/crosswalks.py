@@ -9,10 +9,8 @@ covers is the part of a movement inside the painted area.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
@@ -123,16 +121,6 @@ def half(crosswalk: Crosswalk, way: Crossing, *, first: bool) -> Stretch:
     middle = crosswalk.middle if way.side is Side.NEAR else way.length - crosswalk.middle
     edge = crosswalk.island / 2
     return Stretch(0.0, middle - edge) if first else Stretch(middle + edge, way.length)
-
-
-def covers(crosswalks: Sequence[Crosswalk], courses: Mapping[Key, Line]) -> Mapping[tuple[int, Key], Stretch]:
-    """Return, per crosswalk and movement over its painted area, the stretch of the movement inside this area [m]."""
-    stretches = {
-        (number, key): covered(crosswalk.area, line)
-        for number, crosswalk in enumerate(crosswalks)
-        for key, line in courses.items()
-    }
-    return MappingProxyType({pair: stretch for pair, stretch in stretches.items() if stretch})
 
 
 def covered(area: NDArray[np.float64], line: Line) -> Stretch | None:

@@ -9,6 +9,7 @@ import copyreg
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
+from itertools import product
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -16,7 +17,7 @@ from typing import Any
 from pytest_rvads.geometry.builtin import NAMES, path_of
 from pytest_rvads.geometry.conflicts import JunctionKind, Line, Shared, Stretch, conflicts_of
 from pytest_rvads.geometry.control import JunctionControl, control_of
-from pytest_rvads.geometry.crosswalks import Crosswalk, covers
+from pytest_rvads.geometry.crosswalks import Crosswalk, covered
 from pytest_rvads.geometry.junction_digest import digest_of
 from pytest_rvads.geometry.opendrive.xmlfile import text_of
 from pytest_rvads.geometry.precedence import Precedence, Reason
@@ -158,7 +159,9 @@ class Junction:
 
         Stations are measured from the entrance vertex, so they are negative for an area on the approach.
         """
-        return covers(self.crossings, self._course_lines)
+        crosswalks, lines = enumerate(self.crossings), self._course_lines.items()
+        stretches = {(number, key): covered(walk.area, line) for (number, walk), (key, line) in product(crosswalks, lines)}
+        return MappingProxyType({pair: stretch for pair, stretch in stretches.items() if stretch})
 
     @cached_property
     def starts(self) -> tuple[Entrance, ...]:

@@ -103,12 +103,7 @@ class Precedence:
         return MappingProxyType({pair: reason for pair, reason in reasons if reason is not None})
 
     def why(self, key: Key, other_key: Key) -> Reason | None:
-        """Return the reason why an agent on way `key` gives way to an agent on way `other_key`, or None.
-
-        Movements from two lanes of one arm have no reason, because the vehicle ahead goes first. A movement gives way to a
-        crossing of pedestrians. A movement and another way that is no movement (`Junction.further`) have a reason only if the map
-        states the priority.
-        """
+        """Return the reason why an agent on way `key` gives way to an agent on way `other_key`, or None."""
         if (key, other_key) in self.stated:
             return Reason.STATED
         way, other_way = self.ways[key], self.ways[other_key]
@@ -118,7 +113,7 @@ class Precedence:
             return None
         entrance, other_entrance = key[0], other_key[0]
         start, other_start = self.starts[entrance], self.starts[other_entrance]
-        if start.arm == other_start.arm:
+        if start.arm == other_start.arm:  # the vehicle ahead goes first
             return None
         ranks = RANK[start.sign], RANK[other_start.sign]
         if ranks[0] != ranks[1]:

@@ -61,22 +61,13 @@ class Pose(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Segment:
-    """A directed piece of lane centre line with its arc length.
-
-    Args:
-        id: name of the segment, unique in its map.
-        points: centre line in the direction of travel, shape ``(k, 2)``, k >= 2 [m].
-        turn: turn type; ``STRAIGHT`` on roads, as in the paper.
-        junction: id of the junction the segment lies in, or None on a road.
-        limits: the speed limits that the map states along the segment.
-
-    Raises:
-        MapError: the segment has fewer than two points, coordinates that are not finite, or no length.
-    """
+    """A directed piece of lane centre line with its arc length."""
 
     id: str
     points: NDArray[np.float64]
+    """Centre line in the direction of travel, shape ``(k, 2)``, k >= 2 [m]."""
     turn: Turn = Turn.STRAIGHT
+    """Turn type; ``STRAIGHT`` on roads, as in the paper."""
     junction: str | None = None
     limits: Limits = ()
     stations: NDArray[np.float64] = field(init=False)

@@ -7,7 +7,7 @@ number.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from hashlib import sha256
 from heapq import heappush, heappushpop
 from typing import TypeVar
@@ -56,24 +56,18 @@ def _share(counts: Mapping[_Path, int], group: _Path, size: int, seed: int, shar
     for path, count in counts.items():
         parts.setdefault(path[: len(group) + 1], {})[path] = count
     most = {part: sum(inside.values()) for part, inside in parts.items()}
-    for part, share in _even(most, size, sorted(most, key=lambda part: _rank(seed, repr(part)))).items():
-        if share:
-            _share(parts[part], part, share, seed, shares)
-
-
-def _even(most: Mapping[_Path, int], size: int, order: Sequence[_Path]) -> dict[_Path, int]:
-    """Return the share of each group, at most its number of things; the first groups of `order` get the remainder."""
-    shares: dict[_Path, int] = {}
-    groups = list(order)
+    groups = sorted(most, key=lambda part: _rank(seed, repr(part)))
+    # The groups get equal shares, at most their numbers of things; the first groups get the remainder.
     while groups:
         each, remainder = divmod(size, len(groups))
-        small = {group for group in groups if most[group] <= each}
-        if not small:
-            return shares | {group: each + (k < remainder) for k, group in enumerate(groups)}
-        shares |= {group: most[group] for group in small}
-        size -= sum(most[group] for group in small)
-        groups = [group for group in groups if group not in small]
-    return shares
+        split = {group: most[group] for group in groups if most[group] <= each}
+        if not split:
+            split = {group: each + (k < remainder) for k, group in enumerate(groups)}
+        for group, share in split.items():
+            if share:
+                _share(parts[group], group, share, seed, shares)
+        size -= sum(split.values())
+        groups = [group for group in groups if group not in split]
 
 
 def _rank(seed: int, name: str) -> int:

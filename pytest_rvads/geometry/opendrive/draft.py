@@ -208,10 +208,7 @@ def _edge(draft: Draft, road: Road, chain: list[_Node], lines: list[LaneLine], f
 
 
 def limits_along(road: Road, chain: Iterable[tuple[int, int]], stations: NDArray[np.float64], s: NDArray[np.float64]) -> Limits:
-    """Return the speed limits along an edge; `stations` are its arc lengths [m] at the road stations `s`, which rise or fall [m].
-
-    Where the lane and the road have a limit, the limit of the lane applies.
-    """
+    """Return the speed limits along an edge with arc lengths `stations` at the road stations `s`, which rise or fall [m]."""
     parts = []
     for i, lane in chain:
         first, last = [*(section.s for section in road.sections), road.length][i : i + 2]

@@ -103,8 +103,8 @@ class _Parts(Iterator[Part]):
 
 def _completed(team: Team, parts: Iterator[Part]) -> Iterator[tuple[Part, list[Any]]]:
     """Yield parts (groups of jobs) with their answers in the order of completion; parts of dead processes are submitted again."""
-    flying: dict[Future[Any], Part] = {}
-    done: SimpleQueue[Future[Any]] = SimpleQueue()
+    flying: dict[Future[list[Any]], Part] = {}
+    done: SimpleQueue[Future[list[Any]]] = SimpleQueue()
 
     def launch(part: Part) -> None:
         future = team.submit(part)
@@ -120,7 +120,7 @@ def _completed(team: Team, parts: Iterator[Part]) -> Iterator[tuple[Part, list[A
             future = done.get()
             part = flying.pop(future)
             try:
-                answers = team.answers(part, future)
+                answers = future.result()
             except (Exception, CancelledError) as error:
                 part = part._replace(losses=part.losses + 1)
                 if team.submits_again(part, error):

@@ -71,10 +71,6 @@ class Own:
             raise RvadsError(f"a job or its result can't be sent between processes: {_text_of(error)}") from error
         return part.losses < self._tries
 
-    def answers(self, _: Part, future: Future[list[Any]]) -> list[Any]:
-        """Return the answers to the jobs of a part (a group of jobs)."""
-        return future.result()
-
     def alone(self, job: Any) -> Any:
         """Return the answer to a job that may kill its process."""
         try:
@@ -93,17 +89,12 @@ class Foreign:
         self._numbers = count()
         """Numbers of the submissions; Dask would return the result of an earlier submission with equal arguments."""
 
-    def submit(self, part: Part) -> Future[Any]:
+    def submit(self, part: Part) -> Future[list[Any]]:
         """Submit a part."""
         try:
             return self._executor.submit(_answers, self._work, part.jobs, next(self._numbers))
         except Exception as error:  # each executor has its own exceptions
             raise self._gone(error) from error
-
-    def answers(self, _: Part, future: Future[Any]) -> list[Any]:
-        """Return the answers to the jobs of a part, one per job."""
-        answers: list[Any] = future.result()
-        return answers
 
     def submits_again(self, _: Part, error: BaseException) -> bool:
         """Return False, as each job of a part that killed several workers of Dask is submitted alone."""
