@@ -133,16 +133,6 @@ def kind_of(signal: Signal) -> ObjectKind | None:
     return meant if standard is ObjectKind.LIGHT and _OTHER_NAME.search(signal.name) else standard or meant
 
 
-def _unknown(signal: Signal) -> bool:
-    """Return whether nothing tells the meaning of a signal: no known catalogue, no name, and no ``<semantics>``."""
-    if signal.reference or kind_of(signal) is not None or _NO_SIGN_NAME.search(signal.name):
-        return False
-    if signal.meanings is not None:
-        return not set(signal.meanings) <= _MEANINGS.keys()
-    known = signal.country in _CATALOGUES if signal.country else _NUMBER.fullmatch(signal.type)
-    return signal.type in _UNTYPED or not known
-
-
 def _counts_from_kerb(document: Document) -> bool:
     """Return whether the lanes in ``<validity>`` have the numbers of SUMO, from 0 at the kerb, as netconvert wrote until 1.15.
 
@@ -249,7 +239,15 @@ class _Attacher:
         unknown: dict[str, Signal] = {}
         for signal in self._signals():
             home = self.homes.get(signal.id, signal)
-            if _unknown(home) and self._entrances(self.draft.document.roads[signal.road], signal, ObjectKind.STOP)[0]:
+            if home.reference or kind_of(home) is not None or _NO_SIGN_NAME.search(home.name):
+                continue
+            # The meaning is told by the ``<semantics>``, or else by a known catalogue.
+            if home.meanings is not None:
+                told = set(home.meanings) <= _MEANINGS.keys()
+            else:
+                known = home.country in _CATALOGUES if home.country else _NUMBER.fullmatch(home.type)
+                told = bool(known) and home.type not in _UNTYPED
+            if not told and self._entrances(self.draft.document.roads[signal.road], signal, ObjectKind.STOP)[0]:
                 unknown[home.id] = home
         if unknown:
             first = next(iter(unknown.values()))

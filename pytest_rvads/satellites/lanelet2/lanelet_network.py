@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections import Counter, defaultdict
-from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 
@@ -93,10 +93,17 @@ def network_of(ground: Ground, rules: Rules, warnings: Iterable[MapWarning]) -> 
     left_hand = _keeps_left(ground, members, doubts)
     junctions = {id: name for name, ids in members.items() for id in ids}
     roads = _roads(ground, members, left_hand=left_hand)
-    edges = {
-        id: _edge(lane, roads[id], junctions.get(id), _kinks(ground, id, junctions) if id in junctions else 0.0)
-        for id, lane in ground.lanes.items()
-    }
+    edges = {}
+    for id, lane in ground.lanes.items():
+        edge, (road, forward), kinks = _edge(lane), roads[id], 0.0
+        if id in junctions:
+            # The bounds are polylines, so a part of a bend lies between a lanelet and its neighbours.
+            starts = [lane.heading(0) - ground.lanes[before].heading(-1) for before in ground.links.pred[id]]
+            outside = [ground.lanes[after] for after in ground.links.succ[id] if after not in junctions]
+            ends = [after.heading(0) - lane.heading(-1) for after in outside]
+            turns = [[math.remainder(turn, math.tau) for turn in side] for side in (starts, ends)]
+            kinks = math.fsum(min(side, key=abs, default=0.0) for side in turns)
+        edges[id] = replace(edge, road=road, forward=forward, junction=junctions.get(id), turning=edge.turning + kinks)
     attacher = _Attacher(ground, junctions)
     objects = attacher.attach(rules)
     doubts += [MapWarning(Doubt.SIGNAL, f"{message}: {listed(ids)}") for message, ids in attacher.doubts.items() if ids]
@@ -178,23 +185,12 @@ def _sides_of_exits(ground: Ground, members: Members) -> Iterator[bool]:
                     yield left
 
 
-def _edge(lane: Lanelet, road: tuple[str, bool] = ("", True), junction: str | None = None, kinks: float = 0.0) -> Edge:
+def _edge(lane: Lanelet) -> Edge:
     steps = np.diff(lane.points, axis=0)
     headings = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
     limits = () if lane.limit is None else ((0.0, lane.limit),)
-    turning = float(headings[-1] - headings[0]) + kinks
-    return Edge(lane.id, road[0], junction, road[1], lane.points, turning, lane.width, lane.length, limits=limits)
-
-
-def _kinks(ground: Ground, id: str, inside: Container[str]) -> float:
-    """Return the change of heading from the lanelet before a lanelet of a junction, and at the end of the junction [rad].
-
-    The bounds are polylines, so a part of a bend lies at the ends of lanelets.
-    """
-    lane = ground.lanes[id]
-    starts = [lane.heading(0) - ground.lanes[before].heading(-1) for before in ground.links.pred[id]]
-    ends = [ground.lanes[after].heading(0) - lane.heading(-1) for after in ground.links.succ[id] if after not in inside]
-    return math.fsum(min((math.remainder(turn, math.tau) for turn in turns), key=abs, default=0.0) for turns in (starts, ends))
+    turning = float(headings[-1] - headings[0])
+    return Edge(lane.id, "", None, True, lane.points, turning, lane.width, lane.length, limits=limits)
 
 
 def _roads(ground: Ground, members: Members, *, left_hand: bool) -> dict[str, tuple[str, bool]]:
@@ -238,7 +234,14 @@ def _sides(ground: Ground, members: Members, *, left_hand: bool) -> tuple[nx.Gra
         ends.add_nodes_from((lane, 0) for id in ids for lane in ground.links.succ[id] if lane not in inside)
         for (id, at), (other_id, other_at) in combinations(ends, 2):
             lane, other = ground.lanes[id], ground.lanes[other_id]
-            if id != other_id and (_beside(lane, other, at) if at == other_at else _opposite(lane, other, left_hand=left_hand)):
+            if at == other_at:
+                joined = _beside(lane, other, at)
+            else:
+                # The end of a lanelet and the start of another meet at the bound between opposite lanes of a road.
+                turn = math.remainder(other.heading(0) - lane.heading(-1) - math.pi, math.tau)
+                same = lane.source == other.source and lane.end == other.start[::-1]
+                joined = abs(turn) <= _PARALLEL and (same or lane.end[left_hand] == other.start[left_hand])
+            if joined and id != other_id:
                 ends.add_edge((id, at), (other_id, other_at))
                 beside.add_edge(id, other_id, same=at == other_at)
         groups.append({end: number for number, part in enumerate(nx.connected_components(ends)) for end in part})
@@ -256,14 +259,6 @@ def _beside(lane: Lanelet, other: Lanelet, at: int) -> bool:
     x, y = other.points[at] - lane.points[at]
     along, across = math.cos(heading) * x + math.sin(heading) * y, math.cos(heading) * y - math.sin(heading) * x
     return bool(abs(along) < _ALONG and abs(across) < _ACROSS)
-
-
-def _opposite(lane: Lanelet, other: Lanelet, *, left_hand: bool) -> bool:
-    """Return whether the end of a lanelet and the start of another meet at the bound between opposite lanes of a road."""
-    turn = math.remainder(other.heading(0) - lane.heading(-1) - math.pi, math.tau)
-    side = 1 if left_hand else 0
-    same = lane.source == other.source and lane.end == other.start[::-1]
-    return abs(turn) <= _PARALLEL and (same or lane.end[side] == other.start[side])
 
 
 class _Attacher:
