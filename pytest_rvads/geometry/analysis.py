@@ -52,11 +52,9 @@ class JunctionReport:
     entrances: tuple[LaneEnd, ...]
     """Entrances arm by arm, on each arm from the kerb; the number of an entrance is its index."""
     exits: tuple[LaneEnd, ...]
-    """Exits, likewise."""
     movements: tuple[Route, ...]
     """Movements, sorted by entrance and exit."""
     signs: tuple[Sign, ...]
-    """Sign or light of every entrance."""
     reason: str | None
     """The reason why the junction cannot be used; None for a usable junction."""
     approach: tuple[float, ...]
@@ -277,10 +275,7 @@ def opposite_pairs(turns: dict[tuple[int, int], Turn]) -> Pairs:
 
 
 def _beyond(graph: MetricGraph, ways: Sequence[Route], setbacks: Sequence[float]) -> tuple[float | None, ...]:
-    """Return, per entrance, how far behind the vertex its line lies [m], if one of its ways has met another way before the line.
-
-    Vehicles can't wait there.
-    """
+    """Return, per entrance, how far behind the vertex its line lies [m], if vehicles can't wait there because ways have met."""
     if min(setbacks, default=0.0) >= 0.0:
         return (None,) * len(setbacks)
     lines = {(way.entrance, way.exit): join([graph.segment(edge) for edge in way.path.edges]) for way in reversed(ways)}

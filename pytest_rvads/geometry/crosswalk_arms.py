@@ -58,7 +58,6 @@ class _Pass(NamedTuple):
     distance: float
     """Distance of this place from the entrance vertex or the exit vertex, along the movement [m]."""
     edge: str
-    """The edge at this place."""
 
 
 class _Path(NamedTuple):

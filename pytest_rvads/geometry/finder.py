@@ -73,10 +73,7 @@ class Kinds:
         return cls((control,), (int(match["ways"]),), float(match["approach"] or 0.0))
 
     def match(self, report: JunctionReport) -> bool:
-        """Return whether control and number of arms of a junction meet this condition.
-
-        A junction without entrances meets no condition on the control.
-        """
+        """Return whether control and number of arms of a junction meet this condition; without entrances, no control does."""
         if self.arms and report.ways not in self.arms:
             return False
         return not self.control or (bool(report.entrances) and report.control in self.control)

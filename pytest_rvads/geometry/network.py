@@ -109,7 +109,6 @@ class Edge:
     """A lane of a road, or of a way through a junction, in the direction of travel."""
 
     id: str
-    """Id of the edge, unique in the map."""
     road: str
     junction: str | None
     """Id of the junction in which the lane lies, None on a road outside of junctions."""

@@ -137,9 +137,7 @@ class Precedence:
     def _from_right(self, entrance: int, other_entrance: int) -> bool:
         """Return whether `other_entrance` lies to the right of `entrance`, or, where traffic keeps left, to the left.
 
-        If exactly one of the two entrances lies to the right of the other by position, the positions decide. For all other pairs,
-        such as two entrances that face each other, the paper's relation ``right-of`` decides. If this relation does not hold in
-        either order, the angle between the two entrances decides.
+        The positions decide if only one of the two lies to the right of the other, else the paper's ``right-of``, else the angle.
         """
         pose, other_pose = self._poses[entrance], self._poses[other_entrance]
         # Whether the second entrance lies to the right of the line along which traffic enters at the first, and the reverse.

@@ -89,10 +89,7 @@ class RoadMap:
         return Track([self.graph.segment(edge) for edge in (*before, *way.path.edges, *after)])
 
     def relations(self, report: JunctionReport) -> Junction | None:
-        """Return a junction for relations between its ways; None if the junction is unusable.
-
-        Only a junction with crosswalks has the geometry of its roads.
-        """
+        """Return a junction for relations between its ways, with roads only if it has crosswalks; None if it is unusable."""
         return self._cut(report, report.id, roads=report.id in self.crossings) if report.usable else None
 
     def entex(self, id: str) -> dict[str, str]:

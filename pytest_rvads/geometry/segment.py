@@ -168,10 +168,7 @@ class Segment:
         return Segment(self.id, points, self.turn, self.junction, limits_between(self.limits, start, end))
 
     def then(self, other: Segment) -> Segment | None:
-        """Return the paper's concatenation of this and another segment; None if the two segments are not consecutive.
-
-        Two segments are consecutive if the second segment starts within `GAP_LIMIT` of the end of the first segment.
-        """
+        """Return the paper's concatenation with another segment; None if that starts beyond `GAP_LIMIT` of this one's end."""
         return join((self, other))
 
 

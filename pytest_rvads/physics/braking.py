@@ -54,10 +54,7 @@ _MOST_BYTES = 2**16
 def vmax(
     distance: float, aggression: int = 1, vehicle: Vehicle | None = None, engine: Engine | None = None, limit: float = SPEED_LIMIT
 ) -> float | None:
-    """Return the greatest safe speed `distance` metres before the stopping line, at most `limit` and `FASTEST` [m/s].
-
-    It is None if not even a standing vehicle is safe.
-    """
+    """Return the greatest safe speed `distance` [m] before a line, up to `limit` and `FASTEST` [m/s]; None if 0 is not safe."""
     check_start(distance, aggression)
     return _vmax(float(distance), aggression, vehicle or Vehicle(), engine or usual(), min(limit, FASTEST))
 

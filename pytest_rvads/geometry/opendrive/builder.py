@@ -169,11 +169,7 @@ def _turn_connecting_roads(draft: Draft, sides: dict[str, bool]) -> None:
 
 
 def _kept_sides(draft: Draft, leftward: Mapping[str, bool]) -> dict[str, bool]:
-    """Return per road whether traffic keeps left.
-
-    The lanes of a road decide on which side its traffic keeps. If no road of the file states a side, and every one-way road into
-    a junction has the opposite road on its right, traffic keeps left on all roads.
-    """
+    """Return per road whether traffic keeps left, by its lanes or, if no road states a side, by one-way roads at junctions."""
     if any(road.rule for road in draft.document.roads.values()) or any(leftward.values()):
         return dict(leftward)
     entering: dict[str, dict[str, Edge]] = {}

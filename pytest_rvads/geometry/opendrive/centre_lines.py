@@ -121,10 +121,7 @@ def _fold(line: Array) -> tuple[float, float] | None:
 
 
 def _cut(line: Array, low: float, high: float) -> Array:
-    """Return a line whose part from `low` to `high` [m] is replaced by a straight piece.
-
-    The part of the line that a straight piece replaces grows until the piece leads forward at both ends.
-    """
+    """Return a line whose part from `low` to `high` [m], or a longer part, is replaced by a straight piece that leads forward."""
     along, steps = _along(line), np.diff(line[:, :2], axis=0)
     while True:
         nudge = max(_NUDGE, _GROWTH * (high - low))

@@ -42,11 +42,7 @@ _SHAPES = {
 
 
 def read(path: str | os.PathLike[str]) -> Document:
-    """Read the records of an OpenDRIVE file.
-
-    A broken sign, light, stop line or speed limit is left out with a warning. Of two lanes with the same id in one section, the
-    lane that is not for driving is left out with a warning.
-    """
+    """Read the records of an OpenDRIVE file; a broken sign, light, stop line or speed limit is left out with a warning."""
     root = load(path)
     warnings: list[MapWarning] = []
     roads: dict[str, Road] = {}
@@ -90,12 +86,7 @@ def read(path: str | os.PathLike[str]) -> Document:
 
 
 def _assign_junctions(roads: dict[str, Road], junctions: Mapping[str, JunctionRecord]) -> list[MapWarning]:
-    """Correct, in `roads`, which junction a road lies in, and return a warning per correction.
-
-    A connecting road lies in the junction whose table names the road. A road that names a missing junction lies outside of all
-    junctions. A road with a junction at one of its ends lies outside of all junctions, even if a table names the road as
-    connecting.
-    """
+    """Correct, in `roads`, which junction a road lies in, and return a warning per correction."""
     warnings = []
     for road in list(roads.values()):
         if road.junction is not None and road.junction not in junctions:

@@ -151,11 +151,7 @@ def _counts_from_kerb(document: Document) -> bool:
 
 
 def attach(draft: Draft, left_hand: Container[str]) -> list[MapObject]:
-    """Return the signs, vehicle lights and stop lines of a draft with linked lanes: an object per signal and entrance.
-
-    Warnings about references to missing signals, signals without entrance, of unknown type or assigned by their place, and
-    inverted signals are added to the draft.
-    """
+    """Return the signs, vehicle lights and stop lines of a draft with linked lanes: an object per signal and entrance."""
     return _Attacher(draft, left_hand).attach()
 
 

@@ -51,10 +51,7 @@ def listed(ids: Iterable[str]) -> str:
 
 
 def areas_of(ground: Ground, conflicts: Conflicts) -> tuple[dict[str, list[str]], list[MapWarning]]:
-    """Find the junctions of a map, and cut off the long parts of lanelets that lie before or behind their conflicts.
-
-    The cuts change `ground`.
-    """
+    """Find the junctions of a map, and cut off, in `ground`, long parts of lanelets that lie before or behind their conflicts."""
     finder = _Finder(ground, conflicts)
     finder.join_small()
     finder.take_between()

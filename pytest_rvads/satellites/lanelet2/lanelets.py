@@ -44,7 +44,6 @@ class Bound:
     first: Hashable
     """Name of the place where the bound begins; bounds with equal names meet there."""
     last: Hashable
-    """Name of the place where the bound ends."""
     ways: tuple[tuple[str, bool], ...] = ()
     """The ways of the bound, each with whether the way runs in the direction of travel."""
 
