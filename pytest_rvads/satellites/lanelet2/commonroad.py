@@ -146,11 +146,26 @@ class _Reader:
         if min(map(len, lines)) < 2:
             self.left_out.append(id)
             return
-        left, right = map(_bound, lines)
+        bounds = []
+        for points in lines:
+            # A bound is named after its ends to a decimetre.
+            first, last = (tuple(np.round(points[k], 1).tolist()) for k in (0, -1))
+            bounds.append(Bound(points, first, last, ((f"{min(first, last)} {max(first, last)}", first <= last),)))
+        left, right = bounds
         if all(one.first == other.last for one, other in zip(aligned(left, right), (left, right), strict=True)):
             left, right = right, left
             self.exchanged.append(id)
-        lanelet = Lanelet(id, id, left, right, self._limit(id, element))
+        texts: list[str] = []
+        for ref in dict.fromkeys(part.get("ref", "") for part in element.iter("trafficSignRef")):
+            signs = self.signs[ref].iterfind("trafficSignElement") if ref in self.signs else ()
+            limits = (sign for sign in signs if (sign.findtext("trafficSignID") or "").strip() in _LIMIT_SIGNS)
+            texts += [sign.findtext("additionalValue") or "" for sign in limits]
+        limit = None
+        try:
+            limit = min((speed_of(text.strip(), "it") for text in texts), default=None)
+        except MapError as error:
+            self.warnings.append(MapWarning(Doubt.SPEED, f"the speed limit of lanelet {id!r} was ignored: {error}", id))
+        lanelet = Lanelet(id, id, left, right, limit)
         yield lanelet
         if {(part.text or "").strip() for part in element.iterfind("userBidirectional")} & {"car", "vehicle"}:
             yield turned(lanelet)
@@ -167,19 +182,6 @@ class _Reader:
                     if pair[0] in lanes and pair[1] in lanes and pair[0] != pair[1]:
                         links.add_edge(*pair)
         return links
-
-    def _limit(self, id: str, element: Element) -> float | None:
-        """Return the speed limit of a lanelet [m/s]; an unreadable limit gives a warning."""
-        texts: list[str] = []
-        for ref in dict.fromkeys(part.get("ref", "") for part in element.iter("trafficSignRef")):
-            signs = self.signs[ref].iterfind("trafficSignElement") if ref in self.signs else ()
-            limits = (sign for sign in signs if (sign.findtext("trafficSignID") or "").strip() in _LIMIT_SIGNS)
-            texts += [sign.findtext("additionalValue") or "" for sign in limits]
-        try:
-            return min((speed_of(text.strip(), "it") for text in texts), default=None)
-        except MapError as error:
-            self.warnings.append(MapWarning(Doubt.SPEED, f"the speed limit of lanelet {id!r} was ignored: {error}", id))
-            return None
 
     def _rules(self, lanes: dict[str, Lanelet]) -> Rules:
         """Return the signs, lights and stop lines of the lanelets."""
@@ -220,9 +222,3 @@ def _points(element: Element | None) -> Array:
         if all(abs(value) <= 1e8 for value in row) and (not rows or rows[-1] != row):
             rows.append(row)
     return np.array(rows).reshape(-1, 2)
-
-
-def _bound(points: Array) -> Bound:
-    """Return a bound, which is named after its ends to a decimetre."""
-    first, last = (tuple(np.round(points[k], 1).tolist()) for k in (0, -1))
-    return Bound(points, first, last, ((f"{min(first, last)} {max(first, last)}", first <= last),))

@@ -118,8 +118,18 @@ class _Reader:
             self.left_out["have a bound with fewer than two points or of ways that do not meet"].append(id)
             return
         left, right = aligned(bounds[0], bounds[1])
+        # The speed limit is a tag of the lanelet, or that of a regulatory element.
+        elements = [self.elements[ref] for ref in relation.refs("regulatory_element", "relation") if ref in self.elements]
+        signs = [item.tags.get("sign_type", "") for item in elements if item.tags.get("subtype") == "speed_limit"]
+        text = tags.get("speed_limit") or next(filter(None, signs), "")
+        limit: float | None = None
+        try:
+            if text:
+                limit = speed_of(text.strip() if re.search("[a-zA-Z]", text) else f"{text.strip()} km/h", "it")
+        except MapError as error:
+            self.warnings.append(MapWarning(Doubt.SPEED, f"the speed limit of lanelet {id!r} was ignored: {error}", id))
         turn = tags.get("turn_direction", "")
-        lanelet = Lanelet(id, id, left, right, self._limit(id, relation), area=tags.get("intersection_area"), turn=turn)
+        lanelet = Lanelet(id, id, left, right, limit, area=tags.get("intersection_area"), turn=turn)
         yield lanelet
         if tags.get("one_way") in _NO:
             yield turned(lanelet)
@@ -152,19 +162,6 @@ class _Reader:
         points = np.array([self.osm.points[node] for node in nodes])
         points = points[np.append(True, (points[1:] != points[:-1]).any(axis=1))]
         return Bound(points, nodes[0], nodes[-1], tuple(order)) if len(points) > 1 else None
-
-    def _limit(self, id: str, relation: Relation) -> float | None:
-        """Return the speed limit of a lanelet by its tag or by an element [m/s]; an unreadable limit gives a warning."""
-        elements = [self.elements[ref] for ref in relation.refs("regulatory_element", "relation") if ref in self.elements]
-        signs = [item.tags.get("sign_type", "") for item in elements if item.tags.get("subtype") == "speed_limit"]
-        text = relation.tags.get("speed_limit") or next(filter(None, signs), "")
-        if not text:
-            return None
-        try:
-            return speed_of(text.strip() if re.search("[a-zA-Z]", text) else f"{text.strip()} km/h", "it")
-        except MapError as error:
-            self.warnings.append(MapWarning(Doubt.SPEED, f"the speed limit of lanelet {id!r} was ignored: {error}", id))
-            return None
 
     def _rules(self, lanes: dict[str, Lanelet]) -> Rules:
         """Return the lights, signs and stop lines of the regulatory elements."""

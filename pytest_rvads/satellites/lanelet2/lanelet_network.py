@@ -317,8 +317,7 @@ class _Attacher:
                 self.doubts["lights and signs that no lanelet refers to were assigned by their stop lines"][sign.id] = None
             astray = [line for line in sign.lines if line in rules.lines and line not in crossing]
             self.doubts["stop lines of lights or signs cross no lane into a junction"] |= dict.fromkeys(astray)
-            self.places += len(places)
-            self._check_places()
+            self._count_places(len(places))
             for junction, entrance in places:
                 setbacks = [self.setbacks.get((line, junction, entrance)) for line in sign.lines]
                 setback = None if sign.kind is ObjectKind.LIGHT else min((s for s in setbacks if s is not None), default=None)
@@ -329,7 +328,8 @@ class _Attacher:
             objects.append(MapObject(sign.id, sign.kind, junction, entrance, station, setback, sign.arrows))
         return objects
 
-    def _check_places(self) -> None:
+    def _count_places(self, more: int) -> None:
+        self.places += more
         if self.places > _MOST_PLACES:
             raise MapError(
                 f"its lights, signs and priorities are for more than {_MOST_PLACES:,} places; check which lanelets they refer to"
@@ -339,8 +339,7 @@ class _Attacher:
         """Yield the signs of a regulation; a statement about lanelets in a junction is a priority of roads, and no sign."""
         groups = [[id for source in sources for id in self.pieces[source]] for sources in (regulation.prior, regulation.lanelets)]
         inside = [[(self.junctions[id], id) for id in ids if id in self.junctions] for ids in groups]
-        self.places += len(inside[0]) * len(inside[1])
-        self._check_places()
+        self._count_places(len(inside[0]) * len(inside[1]))
         pairs = [(junction, a, b) for junction, a in inside[0] for other, b in inside[1] if junction == other and a != b]
         for junction, prior, yielding in pairs:
             self.priorities[junction][prior, yielding] = None

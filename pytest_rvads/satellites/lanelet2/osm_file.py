@@ -151,7 +151,7 @@ def read_osm(path: str | os.PathLike[str]) -> OsmMap:
     plane = local if metres else projected(written[:, 0], written[:, 1])
     points = {id: point for id, point in zip(names, plane, strict=True) if np.isfinite(point).all()}
     ways = {id: Way(tuple(node for node in way.nodes if node in points), way.tags) for id, way in builder.ways.items()}
-    return OsmMap(points, ways, builder.relations, None if metres else _origin(_valid(written[:, 0], written[:, 1])[1]))
+    return OsmMap(points, ways, builder.relations, None if metres else _located(written[:, 0], written[:, 1])[2])
 
 
 def projected(latitude: Array, longitude: Array) -> Array:
@@ -160,11 +160,10 @@ def projected(latitude: Array, longitude: Array) -> Array:
     The coordinates are those of UTM zone 31 minus those of (0, 0) if all points lie within 0.1 degrees of (0, 0), else those of a
     transverse Mercator projection about the median point.
     """
-    valid, places = _valid(latitude, longitude)
+    valid, places, origin = _located(latitude, longitude)
     points = np.full((len(latitude), 2), np.nan)
     if not valid.any():
         return points
-    origin = _origin(places)
     if origin is None:
         points[valid] = _UTM_SCALE * (mercator(places, _UTM_31) - mercator(np.zeros((1, 2)), _UTM_31))
     else:
@@ -175,18 +174,17 @@ def projected(latitude: Array, longitude: Array) -> Array:
     return points
 
 
-def _valid(latitude: Array, longitude: Array) -> tuple[NDArray[np.bool_], Array]:
-    """Return which points lie on the earth, and latitudes and longitudes of these points, shape ``(points, 2)`` [degrees]."""
+def _located(latitude: Array, longitude: Array) -> tuple[NDArray[np.bool_], Array, tuple[float, float] | None]:
+    """Return which points lie on the earth, their places ``(points, 2)`` and the median place: latitudes, longitudes [degrees].
+
+    The median is None if there are no such points, or if latitudes and longitudes are metres of a data set.
+    """
     valid = (np.abs(latitude) <= 89.0) & (np.abs(longitude) <= 180.0)
-    return valid, np.column_stack((latitude[valid], longitude[valid]))
-
-
-def _origin(places: Array) -> tuple[float, float] | None:
-    """Return the median of latitudes and longitudes [degrees]; None if there are none, or if they are metres of a data set."""
+    places = np.column_stack((latitude[valid], longitude[valid]))
     if not len(places) or (np.abs(places) < _DATA_SET).all():
-        return None
-    latitude, longitude = np.median(places, axis=0).tolist()
-    return latitude, longitude
+        return valid, places, None
+    north, east = np.median(places, axis=0).tolist()
+    return valid, places, (north, east)
 
 
 def plane_of_utm(origin: tuple[float, float]) -> tuple[complex, complex]:
