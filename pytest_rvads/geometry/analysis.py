@@ -148,12 +148,7 @@ def joints_of(cuts: Iterable[Cut]) -> frozenset[str]:
 
 
 def analyse(
-    graph: MetricGraph,
-    cut: Cut,
-    objects: Sequence[MapObject],
-    *,
-    joints: frozenset[str] = frozenset(),
-    uturns: bool = False,
+    graph: MetricGraph, cut: Cut, objects: Sequence[MapObject], *, joints: frozenset[str], uturns: bool
 ) -> JunctionReport:
     """Analyse a junction of a map."""
     network, id, paths, pairs, arms = graph.network, cut.id, cut.paths, cut.pairs, cut.arms

@@ -111,7 +111,7 @@ def choose_among(
     return Choice(drawn, tuple(refused.values()), len(junctions) - len(drawn))
 
 
-def some(junctions: Sequence[Junction], limit: int | None, seed: int = 0) -> tuple[Junction, ...]:
+def some(junctions: Sequence[Junction], limit: int | None, seed: int) -> tuple[Junction, ...]:
     """Return at most `limit` junctions, in order, drawn as evenly as possible from every kind: control and number of arms."""
     if limit is None:
         return tuple(junctions)

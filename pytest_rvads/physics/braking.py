@@ -68,14 +68,10 @@ def check_start(distance: float, aggression: int) -> None:
 
 
 def envelope(
-    distances: Sequence[float],
-    vehicle: Vehicle | None = None,
-    aggressions: Sequence[int] = (1, 2, 3),
-    limit: Callable[..., float | None] | None = None,
+    distances: Sequence[float], limit: Callable[[float, int], float | None] = vmax
 ) -> dict[int, tuple[float | None, ...]]:
     """Return v(d)max [m/s] over `distances` [m] for every aggression, after checking that v(d)max never decreases."""
-    limit = limit or vmax
-    table = {level: tuple(limit(d, level, vehicle) for d in distances) for level in aggressions}
+    table = {level: tuple(limit(d, level) for d in distances) for level in (1, 2, 3)}
     points = [(level, d, -1.0 if v is None else v) for level, row in table.items() for d, v in zip(distances, row, strict=True)]
     for level, d, v in points:
         for harder, farther, speed in points:

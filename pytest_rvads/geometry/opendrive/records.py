@@ -281,15 +281,14 @@ def evaluate(shape: Shape, along: Array) -> Line:
         u, v, turn = _spiral(shape.values[0], shape.values[1], shape.length, along)
     elif shape.kind == "poly3":
         a, b, c, d = shape.values
-        grid = _grid(along[-1], along[-1])
-        u = np.interp(along, _arc_length(grid, lambda p: np.sqrt(1 + (b + p * (2 * c + 3 * d * p)) ** 2)), grid)
+        u = _parameters(along, along[-1], along[-1], lambda p: np.sqrt(1 + (b + p * (2 * c + 3 * d * p)) ** 2))
         v, turn = a + u * (b + u * (c + u * d)), np.arctan(b + u * (2 * c + 3 * d * u))
     else:
         au, bu, cu, du, av, bv, cv, dv = shape.values
         end = 1.0 if shape.normalized else shape.length
-        grid = _grid(end, shape.length)
-        arc = _arc_length(grid, lambda p: np.hypot(bu + p * (2 * cu + 3 * du * p), bv + p * (2 * cv + 3 * dv * p)))
-        p = np.interp(along, arc, grid)
+        p = _parameters(
+            along, end, shape.length, lambda p: np.hypot(bu + p * (2 * cu + 3 * du * p), bv + p * (2 * cv + 3 * dv * p))
+        )
         # The stated length of a piece can differ from the arc length by centimetres; the end point is exact.
         p[along >= shape.length - _END] = end
         turn = np.arctan2(bv + p * (2 * cv + 3 * dv * p), bu + p * (2 * cu + 3 * du * p))
@@ -327,14 +326,10 @@ def _spiral(first: float, last: float, length: float, along: Array) -> tuple[Arr
     return u[keep][-back:], v[keep][-back:], first * along + rate * along**2 / 2
 
 
-def _grid(end: float, length: float) -> Array:
-    """Return parameters from 0 to `end`, about `STEP` metres apart on a piece of this length."""
+def _parameters(along: Array, end: float, length: float, speed: Callable[[Array], Array]) -> Array:
+    """Return the parameters from 0 to `end` at arc lengths, the integrals of `speed`, along a piece of a length [m]."""
     cells = min(max(int(np.ceil(length / STEP)), 1), MOST_CELLS)
-    return np.linspace(0.0, max(end, STEP), cells + 1)
-
-
-def _arc_length(grid: Array, speed: Callable[[Array], Array]) -> Array:
-    """Return the integral of `speed` from the first parameter of `grid` to every parameter."""
+    grid = np.linspace(0.0, max(end, STEP), cells + 1)
     half = np.diff(grid) / 2
     nodes = (grid[:-1] + half)[:, None] + half[:, None] * _NODES
-    return np.concatenate(([0.0], np.cumsum(half * (speed(nodes) @ _WEIGHTS))))
+    return np.interp(along, np.concatenate(([0.0], np.cumsum(half * (speed(nodes) @ _WEIGHTS)))), grid)
