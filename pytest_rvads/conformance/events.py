@@ -107,10 +107,8 @@ def pedestrians(bench: Bench) -> Iterator[str]:
     for tick in range(run.steps):
         wanted, got = walker.sample().station, float(run.need("station")[tick, 1])
         if abs(got - wanted) > STRAY:
-            yield (
-                f"{run.label}: {setting.agent.name} is at station {got:.2f} m at {tick * DT:.2f} s, its behaviour gives "
-                f"{wanted:.2f} m: move it by pytest_rvads.simulators.walkers.Walker"
-            )
+            expected = f"its behaviour gives {wanted:.2f} m: move it by pytest_rvads.simulators.walkers.Walker"
+            yield f"{run.label}: {setting.agent.name} is at station {got:.2f} m at {tick * DT:.2f} s, {expected}"
             break
         walker.walk(tick * DT, run.lights[tick].tolist(), ())
     yield from _collides(bench, among(place, drive, Cruises, speed=SPEED, duration=15.0, pedestrians=[Pedestrian(0)]))
@@ -170,11 +168,9 @@ def passing(bench: Bench) -> Iterator[str]:
                 case = among(place, {one: 10.0, two: 10.0}, Cruises, speed=SPEED, duration=20.0)
                 run = bench.run(Case(case.scenario, Cruises, fleet=Fleet(Vehicle(width=width))))
                 for collision in run.collisions or ():
-                    yield (
-                        f"{run.label}: {' and '.join(collision.agents)} are said to collide at {collision.time:.2f} s, their "
-                        "ways are "
-                        f"{apart:.2f} m apart and they are {width:.2f} m wide: bodies have the length and width of their vehicles"
-                    )
+                    told = f"{' and '.join(collision.agents)} are said to collide at {collision.time:.2f} s"
+                    sizes = f"their ways are {apart:.2f} m apart and they are {width:.2f} m wide"
+                    yield f"{run.label}: {told}, {sizes}: bodies have the length and width of their vehicles"
                 end = run.provenance.get("end")
                 if not run.collisions and end != "left":
                     yield f"{run.label}: it ended by {end!r}, expected 'left': both drive past each other and away"

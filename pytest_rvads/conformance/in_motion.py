@@ -51,9 +51,8 @@ def clock(bench: Bench) -> Iterator[str]:
     if run.steps != steps + 1:
         yield f"{run.label}: {run.steps} states, expected {steps + 1} in {_WHILE:g} s: the first at 0 s, one more after each step"
     if len(shown) != steps:
-        yield (
-            f"{run.label}: the driver was asked {len(shown)} times in {_WHILE:g} s, expected {steps}: in every state but the last"
-        )
+        asked = f"the driver was asked {len(shown)} times in {_WHILE:g} s"
+        yield f"{run.label}: {asked}, expected {steps}: in every state but the last"
     for tick, seen in enumerate(shown):
         if abs(seen.time - tick * DT) > 1e-6:
             yield f"{run.label}: decision {tick} was asked for at {seen.time:.4f} s, expected {tick * DT:.2f} s"
@@ -65,10 +64,8 @@ def clock(bench: Bench) -> Iterator[str]:
             break
     way = float(np.ptp(run.need("station")[:, 0]))
     if not 0.85 <= way / (_SPEED * _WHILE) <= 1.15:
-        yield (
-            f"{run.label}: a vehicle that keeps {_SPEED:g} m/s got on by {way:.2f} m in {_WHILE:g} s, expected "
-            f"{_SPEED * _WHILE:g} m: advance the plant by {DT:g} s per state"
-        )
+        got = f"got on by {way:.2f} m in {_WHILE:g} s, expected {_SPEED * _WHILE:g} m"
+        yield f"{run.label}: a vehicle that keeps {_SPEED:g} m/s {got}: advance the plant by {DT:g} s per state"
 
 
 def ends(bench: Bench) -> Iterator[str]:
@@ -127,10 +124,8 @@ def zones_follow_stations(bench: Bench) -> Iterator[str]:
             for tick in np.flatnonzero(run.here[:, column]).tolist():
                 station = float(run.need("station")[tick, column])
                 if (wanted := way.zone(station)) != zone[tick]:
-                    yield (
-                        f"{run.label}: {name} at station {station:.2f} m is in zone {Zone(int(zone[tick])).name.lower()} at "
-                        f"{tick * DT:.2f} s, expected {wanted.name.lower()}: take it from Itinerary.zone"
-                    )
+                    got = f"in zone {Zone(int(zone[tick])).name.lower()} at {tick * DT:.2f} s, expected {wanted.name.lower()}"
+                    yield f"{run.label}: {name} at station {station:.2f} m is {got}: take it from Itinerary.zone"
                     break
 
 
@@ -149,11 +144,9 @@ def speeds_are_progress(bench: Bench) -> Iterator[str]:
             before, after = (ways[column].pose(at + distance).heading for distance in (-_BODY, 1.0))
             if abs(math.remainder(after - before, math.tau)) > _STRAIGHT:
                 continue  # in a bend the front bumper moves on another path than the vehicle
-            yield (
-                f"{run.label}: {run.agents[column].name} gets on by {rate[tick, column]:.2f} m/s from {tick * DT:.2f} s to the "
-                "next state, "
-                f"its speed is {mean[tick, column]:.2f} m/s: give the forward speed in m/s, and the station that belongs to it"
-            )
+            got = f"{run.agents[column].name} gets on by {rate[tick, column]:.2f} m/s from {tick * DT:.2f} s to the next state"
+            mean_speed = f"its speed is {mean[tick, column]:.2f} m/s"
+            yield f"{run.label}: {got}, {mean_speed}: give the forward speed in m/s, and the station that belongs to it"
             break
 
 
@@ -224,10 +217,8 @@ def _colours(bench: Bench, case: Case) -> Iterator[str]:
     for tick in range(run.steps):
         wanted = plan.colours(tick * DT, entrances)
         if tuple(run.lights[tick]) != wanted:
-            yield (
-                f"{run.label}: {_told(run.lights[tick].tolist(), wanted, tick)}: take them from Scenario.signals, at the time "
-                "of the state"
-            )
+            told = _told(run.lights[tick].tolist(), wanted, tick)
+            yield f"{run.label}: {told}: take them from Scenario.signals, at the time of the state"
             break
     for seen in shown:
         tick = round(seen.time / DT)

@@ -160,10 +160,8 @@ def repeatable(bench: Bench) -> Iterator[str]:
     before = [bench.run(case).hash for case in cases]
     for case, one in zip(cases, before, strict=True):
         if (two := bench.run(case).hash) != one:
-            yield (
-                f"{case.scenario.name}: its hash is {one[:_CUT]} and then {two[:_CUT]}, expected the same: build every run from "
-                "its case alone"
-            )
+            hashes = f"its hash is {one[:_CUT]} and then {two[:_CUT]}, expected the same"
+            yield f"{case.scenario.name}: {hashes}: build every run from its case alone"
             return
     for place in bench.junctions:
         bench.run(crowd(place, Brakes, duration=0.1))
@@ -209,10 +207,8 @@ def another_process(bench: Bench) -> Iterator[str]:
         there = json.loads(done.stdout.rpartition(_MARK)[2])
     except ValueError:
         told = one_line(done.stderr.strip().rpartition("\n")[2], 200) or "it told nothing"
-        yield (
-            f"another process ended with status {done.returncode} and without its runs, {told}: it must find simulator and "
-            "drivers"
-        )
+        end = f"status {done.returncode} and without its runs, {told}"
+        yield f"another process ended with {end}: it must find simulator and drivers"
         return
     for case, one, two in zip(cases, here, there, strict=True):
         if one != two:
@@ -249,10 +245,8 @@ def provenance(bench: Bench) -> Iterator[str]:
     wanted = {"simulator": made_by(bench.simulator, run), "scenario": case.scenario.record()}
     for name, value in wanted.items():
         if said.get(name) != value:
-            yield (
-                f"{run.label}: its provenance has {name} {one_line(repr(said.get(name)), 80)}, expected "
-                f"{one_line(repr(value), 80)}"
-            )
+            got, expected = (one_line(repr(item), 80) for item in (said.get(name), value))
+            yield f"{run.label}: its provenance has {name} {got}, expected {expected}"
     versions = said.get("versions")
     if not (isinstance(versions, Mapping) and versions.get("pytest-rvads") == __version__):
         got = one_line(repr(versions), 80)

@@ -66,10 +66,8 @@ def what_drivers_see(bench: Bench) -> Iterator[str]:
         me, tick = seen.me.name, round(seen.time / DT)
         others = [state.name for state in seen.others]
         if me not in names or others != [name for name in names if name != me]:
-            yield (
-                f"{run.label}: {me} sees {others} at {seen.time:.2f} s, expected the others of {names}, in this order: that of "
-                "creation"
-            )
+            sees = f"{me} sees {others} at {seen.time:.2f} s"
+            yield f"{run.label}: {sees}, expected the others of {names}, in this order: that of creation"
             return
         if seen.created != names.index(me):
             yield f"{run.label}: {me} is told created={seen.created}, expected {names.index(me)}: how many were created before it"
@@ -87,11 +85,9 @@ def what_drivers_see(bench: Bench) -> Iterator[str]:
             there = [run.need("station")[tick, column], *run.need("pose")[tick, column], run.need("speed")[tick, column]]
             got = [state.station, state.x, state.y, state.heading, state.speed]
             if not np.allclose(got, there, rtol=0.0, atol=1e-6) or state.zone != run.zone[tick, column]:
-                yield (
-                    f"{run.label}: {me} sees {state.name} at {seen.time:.2f} s at station {state.station:.3f} m, "
-                    f"{state.speed:.3f} m/s, "
-                    f"the run has {there[0]:.3f} m, {there[-1]:.3f} m/s: show all drivers the state that is recorded"
-                )
+                sees = f"{me} sees {state.name} at {seen.time:.2f} s at station {state.station:.3f} m, {state.speed:.3f} m/s"
+                has = f"the run has {there[0]:.3f} m, {there[-1]:.3f} m/s"
+                yield f"{run.label}: {sees}, {has}: show all drivers the state that is recorded"
                 return
 
 
@@ -165,10 +161,9 @@ def subject_and_traffic(bench: Bench) -> Iterator[str]:
     way = np.ptp(run.need("station"), axis=0)
     for column, agent in enumerate(run.agents):
         if (way[column] > 0.1) != (agent.name == run.subject):
-            yield (
-                f"{run.label}: {agent.name} moves {way[column]:.2f} m in 1 s, where the subject {run.subject} is to drive off "
-                "and the traffic to stand: Case.driver drives the subject, Case.traffic all others"
-            )
+            moves = f"{agent.name} moves {way[column]:.2f} m in 1 s"
+            wanted = f"where the subject {run.subject} is to drive off and the traffic to stand"
+            yield f"{run.label}: {moves}, {wanted}: Case.driver drives the subject, Case.traffic all others"
     limit = run.facts.speed_limit
     if limit != SPEED_LIMIT:
         yield f"{run.label}: its facts have the speed limit {limit}, expected {SPEED_LIMIT:g} m/s: rules judge by it"
@@ -209,8 +204,6 @@ def brakes_by_its_envelope(bench: Bench) -> Iterator[str]:
             stood = abs(float(run.need("speed")[-1, 0])) < STANDING
             if (farthest <= way.line) != stops or (stops and not stood):
                 much = "stops before" if stops else "passes"
-                yield (
-                    f"{run.label}: braking fully from {share:g} x v(d)max = {share * speed:.2f} m/s, {distance:g} m before the "
-                    "line, it "
-                    f"gets {farthest - way.line:+.2f} m past it, expected that it {much} it: find vmax by tests of this plant"
-                )
+                start = f"from {share:g} x v(d)max = {share * speed:.2f} m/s, {distance:g} m before the line"
+                past = f"it gets {farthest - way.line:+.2f} m past it, expected that it {much} it"
+                yield f"{run.label}: braking fully {start}, {past}: find vmax by tests of this plant"
