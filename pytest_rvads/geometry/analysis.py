@@ -52,6 +52,7 @@ class JunctionReport:
     entrances: tuple[LaneEnd, ...]
     """Entrances arm by arm, on each arm from the kerb; the number of an entrance is its index."""
     exits: tuple[LaneEnd, ...]
+    """Exits, likewise."""
     movements: tuple[Route, ...]
     """Movements, sorted by entrance and exit."""
     signs: tuple[Sign, ...]
@@ -358,10 +359,8 @@ def _doubts(
         yield Doubt.RIGHT_OF, message
     count = Counter((way.entrance, way.exit) for way in ways)
     for entrance, exit in sorted(pair for pair in count if count[pair] > 1):
-        yield (
-            Doubt.TABLE,
-            f"junction {id!r} has several movements from entrance {entrance} to exit {exit}; the shortest was taken",
-        )
+        message = f"junction {id!r} has several movements from entrance {entrance} to exit {exit}; the shortest was taken"
+        yield Doubt.TABLE, message
     if control_of(signs) is JunctionControl.PARTIAL:
         bare = [str(i) for i, sign in enumerate(signs) if sign is Sign.NONE]
         mixed = f"the entrances of junction {id!r} mix signs and lights"

@@ -231,7 +231,7 @@ def _line(road: Road, id: int, samples: _Samples, offset: Array, width: Array) -
             middle = float(line.heading[joint - 1]) + kink / 2
             stretch = t / math.cos(kink / 2)
             points[joint - 1] = line.x[joint] - stretch * math.sin(middle), line.y[joint] + stretch * math.cos(middle)
-    # In a tight bend, points after the first point of a lane can lie behind it, and points before the last point beyond it.
+    # In a tight bend, points after the first point of a lane can lie behind it, and points before the last point ahead of it.
     for line_points, kept, direction in ((points, keep, heading[0]), (points[::-1], keep[::-1], heading[-1] + math.pi)):
         ahead = (line_points - line_points[0]) @ (math.cos(direction), math.sin(direction)) > -_EPS
         kept[1 : int(ahead[1:].argmax()) + 1 if ahead[1:-1].any() else 1] = False
