@@ -134,6 +134,13 @@ class Kept:
             raise RunError(f"{path}: damaged: {one_line(str(error))}") from error
 
 
+def check_array(name: str, array: NDArray[Any], shape: tuple[int, ...], kind: str) -> None:
+    """Check the shape of an array in a file, and the kind of its numbers: whole numbers (``i``) or floats (``f``)."""
+    if (array.shape, array.dtype.kind) != (shape, kind):
+        numbers = "whole numbers" if kind == "i" else "numbers"
+        raise ValueError(f"{name} must be {numbers} in the shape {shape}, got {array.dtype} in {array.shape}")
+
+
 def unpack(content: bytes, most: int = MOST_BYTES) -> dict[str, NDArray[Any]]:
     """Return the arrays of an archive by name, read-only; together they may take at most `most` bytes."""
     count = content.count(_DIRECTORY_ENTRY)

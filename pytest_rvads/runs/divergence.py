@@ -21,7 +21,7 @@ def diverge(one: Run, other: Run) -> Divergence | None:
     difference = _first_unlike_pair(
         label=(one.label, other.label),
         step=(one.dt, other.dt),
-        vehicles=(_vehicles(one), _vehicles(other)),
+        vehicles=tuple(" ".join(f"{a.name}:{a.entrance}->{a.exit}" for a in run.agents) for run in (one, other)),
         facts=(one.facts, other.facts),
         junction=(one.junction.digest[:12], other.junction.digest[:12]),
     )
@@ -37,7 +37,7 @@ def diverge(one: Run, other: Run) -> Divergence | None:
     )
 
 
-def _first_unlike_pair(**pairs: tuple[object, object]) -> Divergence | None:
+def _first_unlike_pair(**pairs: tuple[object, ...]) -> Divergence | None:
     return next((Divergence(what, str(a), str(b)) for what, (a, b) in pairs.items() if a != b), None)
 
 
@@ -45,36 +45,21 @@ _PARTS = {"pose": ("x", "y", "heading"), "controls": ("throttle", "brake", "stee
 _ENUMS = {"zone": Zone, "lights": Colour}
 
 
-def _vehicles(run: Run) -> str:
-    return " ".join(f"{a.name}:{a.entrance}->{a.exit}" for a in run.agents)
-
-
 def _first_difference(one: Run, other: Run, field: str) -> Divergence | None:
     a: NDArray[Any] | None = getattr(one, field)
     b: NDArray[Any] | None = getattr(other, field)
     if a is None or b is None:
-        return None if a is b else Divergence(field, _recorded(a), _recorded(b))
-    steps = min(len(a), len(b))
-    differs = _bits(a[:steps]) != _bits(b[:steps])
+        own, others = ("not recorded" if values is None else "recorded" for values in (a, b))
+        return None if a is b else Divergence(field, own, others)
+    parts = (np.ascontiguousarray(values[: min(len(a), len(b))]) for values in (a, b))
+    # Floats are compared as integers, which are equal where the floats are the same bit for bit, NaN included.
+    bits, other_bits = (values.view(np.int64) if values.dtype == np.float64 else values for values in parts)
+    differs = bits != other_bits
     if not differs.any():
         return None
     tick, column, *part = (int(i) for i in np.argwhere(differs)[0])
     name = _PARTS[field][part[0]] if part else field
     where = f"light of entrance {column}" if field == "lights" else f"{name} of {one.agents[column].name}"
-    index = (tick, column, *part)
-    return Divergence(where, _value(field, a[index]), _value(field, b[index]), tick, round(tick * one.dt, 9))
-
-
-def _recorded(values: NDArray[Any] | None) -> str:
-    return "not recorded" if values is None else "recorded"
-
-
-def _bits(values: NDArray[Any]) -> NDArray[np.integer[Any]]:
-    """Return integers that are equal where the values are the same bit for bit, NaN included."""
-    contiguous = np.ascontiguousarray(values)
-    return contiguous.view(np.int64) if contiguous.dtype == np.float64 else contiguous
-
-
-def _value(field: str, value: Any) -> str:
-    kind = _ENUMS.get(field)
-    return kind(int(value)).name.lower() if kind else repr(float(value))
+    differing, kind = [values[(tick, column, *part)] for values in (a, b)], _ENUMS.get(field)
+    own, others = (kind(int(value)).name.lower() if kind else repr(float(value)) for value in differing)
+    return Divergence(where, own, others, tick, round(tick * one.dt, 9))

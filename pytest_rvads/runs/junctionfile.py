@@ -217,7 +217,7 @@ def _junction(content: bytes, lines: tuple[tuple[str, str, tuple[int, ...], byte
 
 def check_ways(junction: Junction, name: str, route: Key, other_exits: Exits) -> None:
     """Check that the way of an agent in a file exists, and that movements lead to the other exits."""
-    entrance = route[0]
-    missing = (key for key in (route, *((entrance, exit) for exit in other_exits)) if key not in junction.every_way)
-    for _, exit in missing:
-        raise ValueError(f"{name} goes from entrance {entrance} to exit {exit}, where no way leads")
+    entrance, own_exit = route
+    for exit in (own_exit, *other_exits):
+        if (entrance, exit) not in junction.every_way:
+            raise ValueError(f"{name} goes from entrance {entrance} to exit {exit}, where no way leads")

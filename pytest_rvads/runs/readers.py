@@ -255,7 +255,21 @@ class _Topology:
         agents, zones, starts = [], [], {}
         for name, vehicle in record.vehicles.items():
             typed(name, Name, f"{where}: the name of a vehicle", RunError)
-            movement, zone = self._vehicle(vehicle, steps, f"{where}: vehicle {name!r}")
+            itinerary, of_vehicle = vehicle.itinerary, f"{where}: vehicle {name!r}"
+            crossings = [k for k, edge in enumerate(itinerary) if edge in self.edges]
+            if len(crossings) != 1:
+                listed = reprlib.repr(itinerary)
+                raise RunError(
+                    f"{of_vehicle}: the itinerary {listed} must pass the junction once, it does {len(crossings)} times"
+                )
+            movement = self.edges[itinerary[crossings[0]]]
+            codes = {edge: Zone.APPROACH if k < crossings[0] else Zone.EXIT for k, edge in enumerate(itinerary)}
+            codes[itinerary[crossings[0]]] = Zone.JUNCTION
+            zone = _expanded(vehicle.edge, steps, codes, f"{of_vehicle}: the series 'edge'")
+            flags = {"": 0} | {node: 1 for node, number in self.entrances.items() if number == movement.entrance}
+            waits = _expanded(vehicle.at_entrance, steps, flags, f"{of_vehicle}: the series 'at_entrance'").astype(np.bool_)
+            # The entrance vertex belongs to the road: on the movement, a vehicle is in the junction, not at the entrance.
+            zone[waits & (zone == Zone.APPROACH)] = Zone.ENTRANCE
             agents.append(Agent(name, movement, vehicle.kind, vehicle.size))
             zones.append(zone)
             if vehicle.init_offset is not None and vehicle.init_speed is not None:
@@ -273,23 +287,6 @@ class _Topology:
         zone = np.column_stack(zones) if zones else np.zeros((steps, 0), dtype=np.int8)
         provenance = {"verdicts": record.verdicts or {}, "starts": starts}
         return Run(record.name, self.junction, tuple(agents), zone, lights, record.dt, provenance=provenance)
-
-    def _vehicle(self, vehicle: _Vehicle, steps: int, where: str) -> tuple[Movement, NDArray[np.int8]]:
-        itinerary = vehicle.itinerary
-        crossings = [k for k, edge in enumerate(itinerary) if edge in self.edges]
-        if len(crossings) != 1:
-            listed = reprlib.repr(itinerary)
-            raise RunError(f"{where}: the itinerary {listed} must pass the junction once, it does {len(crossings)} times")
-        (crossing,) = crossings
-        movement = self.edges[itinerary[crossing]]
-        codes = {edge: Zone.APPROACH if k < crossing else Zone.EXIT for k, edge in enumerate(itinerary)}
-        codes[itinerary[crossing]] = Zone.JUNCTION
-        zone = _expanded(vehicle.edge, steps, codes, f"{where}: the series 'edge'")
-        flags = {"": 0} | {node: 1 for node, number in self.entrances.items() if number == movement.entrance}
-        at = _expanded(vehicle.at_entrance, steps, flags, f"{where}: the series 'at_entrance'").astype(np.bool_)
-        # The entrance vertex belongs to the road: on the movement, a vehicle is in the junction and no longer at the entrance.
-        zone[at & (zone == Zone.APPROACH)] = Zone.ENTRANCE
-        return movement, zone
 
 
 def _expanded(series: _Series[_Value], steps: int, codes: Mapping[_Value, int], where: str) -> NDArray[np.int8]:

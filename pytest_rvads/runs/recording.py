@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.runs.itineraries import Itinerary, itinerary
+from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.periods import NEAR, Period, busy_periods
 from pytest_rvads.runs.run import DT, Excerpt, Facts, Run
 from pytest_rvads.runs.smoothing import BRIEF, DERIVED, PACE, beside
@@ -127,12 +127,9 @@ class Recording(Sequence[Run]):
     def periods(self) -> tuple[Period, ...]:
         """Times at which vehicles were near the junction, each with the numbers of its agents in `tracks`."""
         spans = [(track.times, track.station, track.speed) for track in self.tracks]
-        ways = [self._itinerary(track) for track in self.tracks]
+        ways = [itinerary(self.junction, *track.agent.way.key) for track in self.tracks]
         periods = busy_periods(spans, [way.line for way in ways], [way.leave for way in ways])
         return tuple(period for period in periods if any(_drives(self.tracks[number]) for number in period.present))
-
-    def _itinerary(self, track: Track) -> Itinerary:
-        return itinerary(self.junction, *track.agent.way.key)
 
     def _run(self, period: Period) -> Run:
         """Return a busy period as a run, interpolated on the clock of the run."""
@@ -155,7 +152,7 @@ class Recording(Sequence[Run]):
             unwrapped = np.column_stack((track.pose[:, :2], np.unwrap(track.pose[:, 2])))
             pose[rows, column] = np.stack([np.interp(at, track.times, values) for values in unwrapped.T], axis=1)
             spread[rows, column] = 0.0 if track.spread is None else np.interp(at, track.times, track.spread)
-            borders, along = self._itinerary(track).borders, station[rows, column]
+            borders, along = itinerary(self.junction, *track.agent.way.key).borders, station[rows, column]
             # Noise makes no vehicle drive back, but pedestrians may turn back.
             by_station = np.searchsorted(borders, along, side="right")
             zone[rows, column] = zones(borders, along, spread[rows, column]) if _drives(track) else by_station
@@ -175,47 +172,34 @@ class Recording(Sequence[Run]):
             speed,
             pose,
             facts=self.facts,
-            excerpt=Excerpt(
-                float(ticks[0]), judged, self._position_deviation(tracks), self._speed_deviation(tracks, ticks, speed)
-            ),
+            excerpt=Excerpt(float(ticks[0]), judged, *self._deviations(tracks, ticks, speed)),
             spread=None if all(track.spread is None for track in tracks) else spread,
             provenance={"recording": self.label},
         )
 
-    def _position_deviation(self, tracks: Sequence[Track]) -> float:
-        """Return the standard deviation of the positions of vehicles, measured across their way [m].
+    def _deviations(self, tracks: Sequence[Track], ticks: NDArray[np.float64], speed: NDArray[np.float64]) -> tuple[float, float]:
+        """Return the standard deviations of positions of vehicles across their way [m], and of their speeds [m/s].
 
         If speeds are derived from positions, then headings, and so the place of the front of a vehicle, can be derived from
-        positions as well. In this case the result is the standard deviation of the measured positions.
+        positions as well. In this case the first result is the standard deviation of the measured positions. The second result
+        includes unknown speeds between samples. `speed` has the interpolated speeds at `ticks`, shape ``(steps, tracks)`` [m/s].
         """
-        if self.position_accuracy <= 0.0 or self.speed_accuracy >= DERIVED:
-            return self.position_accuracy
-        return beside(self.position_accuracy, _sampling_time(tracks))
-
-    def _speed_deviation(self, tracks: Sequence[Track], ticks: NDArray[np.float64], speed: NDArray[np.float64]) -> float:
-        """Return the standard deviation of the speeds of vehicles [m/s], including unknown speeds between samples.
-
-        Args:
-            ticks: times of the states of the run, shape ``(steps,)`` [s].
-            speed: interpolated speeds, shape ``(steps, tracks)`` [m/s].
-        """
-        if self.speed_accuracy <= 0.0:
+        position, accuracy = self.position_accuracy, self.speed_accuracy
+        between = float(np.median(np.concatenate([np.diff(track.times) for track in tracks])))  # the median time of samples [s]
+        smoothed = position > 0.0 and accuracy < DERIVED
+        if smoothed:
+            position = beside(position, between)
+        if accuracy <= 0.0:
             exact = ((t, column) for column, t in enumerate(tracks) if t.spread is None and _drives(t))
             slower = (unseen_stand(t.times, t.station, t.speed, ticks, speed[:, column]) for t, column in exact)
-            return max(slower, default=0.0) / _ALL
-        accuracy = self.speed_accuracy
-        if self.position_accuracy > 0.0 and accuracy < DERIVED:
-            accuracy = beside(accuracy, _sampling_time(tracks))
-        return max(accuracy, HARDEST * max(_sampling_time(tracks) - BRIEF, 0.0) / 2 / _ALL)
+            return position, max(slower, default=0.0) / _ALL
+        if smoothed:
+            accuracy = beside(accuracy, between)
+        return position, max(accuracy, HARDEST * max(between - BRIEF, 0.0) / 2 / _ALL)
 
 
 def _drives(track: Track) -> bool:
     return track.agent.kind is not Kind.PEDESTRIAN
-
-
-def _sampling_time(tracks: Sequence[Track]) -> float:
-    """Return the median time between samples [s]."""
-    return float(np.median(np.concatenate([np.diff(track.times) for track in tracks])))
 
 
 class Before(NamedTuple):

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.geometry.segment import Segment
-from pytest_rvads.runs.archive import FARTHEST, Kept, Name, Size, Step
+from pytest_rvads.runs.archive import FARTHEST, Kept, Name, Size, Step, check_array
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.junctionfile import Count, Exits, JunctionRecord, Key, check_ways, get_junction, put_junction
 from pytest_rvads.runs.recording import Changes, Recording, Track
@@ -138,7 +138,12 @@ def _recording(header: _Header, arrays: Mapping[str, NDArray[Any]]) -> Recording
     lengths["spread"] = sum(track.samples for track in header.tracks if track.spread)
     lengths |= dict.fromkeys(("light_times", "light_colours"), sum(light.changes for light in header.lights))
     for name, length in lengths.items():
-        _check_array(name, arrays[name], (length, *_ARRAYS[name]))
+        array, kind, limit = arrays[name], "i" if name == "light_colours" else "f", 1e12 if "times" in name else FARTHEST
+        check_array(name, array, (length, *_ARRAYS[name]), kind)
+        if kind == "f" and not (np.abs(array) <= limit).all():
+            raise ValueError(f"{name} holds numbers beyond {limit:g}, or NaN")
+        if name == "spread" and (array < 0.0).any():
+            raise ValueError("spread holds numbers below 0")
     junction = get_junction(header.junction, arrays)
     if not junction.drivable:
         raise ValueError("its junction has no centre lines")
@@ -184,15 +189,3 @@ def _recording(header: _Header, arrays: Mapping[str, NDArray[Any]]) -> Recording
 
 def _parts(array: NDArray[Any], lengths: list[int]) -> list[NDArray[Any]]:
     return [array[begin:end] for begin, end in pairwise(accumulate(lengths, initial=0))]
-
-
-def _check_array(name: str, array: NDArray[Any], shape: tuple[int, ...]) -> None:
-    kind = "i" if name == "light_colours" else "f"
-    if (array.shape, array.dtype.kind) != (shape, kind):
-        numbers = "whole numbers" if kind == "i" else "numbers"
-        raise ValueError(f"{name} must be {numbers} in the shape {shape}, got {array.dtype} in {array.shape}")
-    limit = 1e12 if "times" in name else FARTHEST
-    if kind == "f" and not (np.abs(array) <= limit).all():
-        raise ValueError(f"{name} holds numbers beyond {limit:g}, or NaN")
-    if name == "spread" and (array < 0.0).any():
-        raise ValueError("spread holds numbers below 0")

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.segment import Segment
-from pytest_rvads.runs.archive import FARTHEST, MOST_BYTES, Kept, Name, Size, Step, check_size, peek
+from pytest_rvads.runs.archive import FARTHEST, MOST_BYTES, Kept, Name, Size, Step, check_array, check_size, peek
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.junctionfile import Exits, JunctionRecord, Key, check_ways, get_junction, put_junction
 from pytest_rvads.runs.run import Collision, Excerpt, Facts, Fault, Run
@@ -112,7 +112,12 @@ def _run(header: _Header, arrays: Mapping[str, NDArray[Any]], path: Path) -> Run
     starts, names = header.junction.starts, [agent.name for agent in header.agents]
     check_size(str(path), [(steps, len(names), starts)])
     each = (steps, len(names))
-    _check_arrays(arrays, {"zone": each, "lights": (steps, starts), "pose": (*each, 3), "controls": (*each, 3)}, each)
+    shapes = {"lights": (steps, starts), "pose": (*each, 3), "controls": (*each, 3)}
+    for name, kind in _ARRAYS.items():
+        if (array := arrays.get(name)) is not None:
+            check_array(name, array, shapes.get(name, each), kind)
+            if kind == "f" and (np.abs(array) > FARTHEST).any():
+                raise ValueError(f"{name} holds numbers beyond {FARTHEST:g}")
     junction = get_junction(header.junction, arrays)
     agents = []
     for agent in header.agents:
@@ -142,17 +147,6 @@ def _run(header: _Header, arrays: Mapping[str, NDArray[Any]], path: Path) -> Run
         excerpt=header.excerpt,
         provenance=header.provenance,
     )
-
-
-def _check_arrays(arrays: Mapping[str, NDArray[Any]], shapes: Mapping[str, tuple[int, ...]], default: tuple[int, ...]) -> None:
-    for name, kind in _ARRAYS.items():
-        array = arrays.get(name)
-        shape = shapes.get(name, default)
-        if array is not None and (array.shape, array.dtype.kind) != (shape, kind):
-            numbers = "whole numbers" if kind == "i" else "numbers"
-            raise ValueError(f"{name} must be {numbers} in the shape {shape}, got {array.dtype} in {array.shape}")
-        if array is not None and kind == "f" and (np.abs(array) > FARTHEST).any():
-            raise ValueError(f"{name} holds numbers beyond {FARTHEST:g}")
 
 
 def glance(path: Path) -> Junction | None:

@@ -188,18 +188,14 @@ def _smoothed_speeds(times: _Values, station: _Values, accuracy: float, speed: _
     """
     smooth = np.abs(_fitted(times, speed, noise, 2, np.full(len(times), LONG)).value)
     edge = PACE + SURE * beside(noise, float(np.median(np.diff(times))))
-    mean, error = _means(times, np.abs(speed), noise)
+    # The mean speed within half of `BRIEF` of every sample, and its standard deviation.
+    begin, end = np.searchsorted(times, times - BRIEF / 2 - 1e-9), np.searchsorted(times, times + BRIEF / 2 + 1e-9)
+    total = np.concatenate(([0.0], np.cumsum(np.abs(speed))))
+    mean, error = (total[end] - total[begin]) / (end - begin), noise / np.sqrt(end - begin)
     possible = mean - AGREE * error <= np.maximum(PACE, AGREE * error)
     smooth = np.where(possible, (PACE + edge) / 2, np.maximum(smooth, edge + ALLOWED))
     smooth[possible & _proven(times, station, accuracy, speed, noise)] = 0.0
     return smooth
-
-
-def _means(times: _Values, speed: _Values, noise: float) -> tuple[_Values, _Values]:
-    """Return the mean speed within half of `BRIEF` of every sample, and its standard deviation [m/s]."""
-    begin, end = np.searchsorted(times, times - BRIEF / 2 - 1e-9), np.searchsorted(times, times + BRIEF / 2 + 1e-9)
-    total = np.concatenate(([0.0], np.cumsum(speed)))
-    return (total[end] - total[begin]) / (end - begin), noise / np.sqrt(end - begin)
 
 
 def _proven(times: _Values, station: _Values, accuracy: float, speed: _Values, noise: float) -> NDArray[np.bool_]:
@@ -245,14 +241,8 @@ def _along_stretches(
     """Return estimates of the residual, the stations minus the integral of the speeds.
 
     On a straight stretch the residual is estimated from all samples of the stretch. It is constant if the speeds are measured
-    without a systematic error, and a straight line if the error of the speeds is constant.
-
-    Args:
-        times: times of the samples, shape ``(samples,)`` [s].
-        residual: stations minus the integral of the speeds, shape ``(samples,)`` [m].
-        accuracy: standard deviation of a station [m].
-        straight: which samples lie on a straight part of the way, shape ``(samples,)``.
-        wander: variance of the residual per second that noisy speeds cause [m^2/s].
+    without a systematic error, and a straight line if the error of the speeds is constant. `wander` is the variance of the
+    residual per second that noisy speeds cause [m^2/s].
     """
     value, slope, deviation = fit.value.copy(), fit.slope.copy(), fit.deviation.copy()
     step = float(np.median(np.diff(times)))
@@ -276,21 +266,8 @@ def _parts(true: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return [(int(begin), int(end)) for begin, end in edges.reshape(-1, 2)]
 
 
-def _fitted(
-    times: _Values,
-    values: _Values,
-    accuracy: float,
-    degree: int,
-    farthest: _Values,
-    wander: float = 0.0,
-) -> _Fit:
-    """Return estimates from polynomials through the samples around every sample.
-
-    Args:
-        times: times of the samples, shape ``(samples,)`` [s].
-        values: measured values, shape ``(samples,)``.
-        farthest: greatest half length of the window around every sample, shape ``(samples,)`` [s].
-    """
+def _fitted(times: _Values, values: _Values, accuracy: float, degree: int, farthest: _Values, wander: float = 0.0) -> _Fit:
+    """Return estimates from polynomials through the samples up to `farthest` before and after every sample [s]."""
     count = len(times)
     best = _Fit(values.copy(), np.gradient(values, times), np.full(count, accuracy))
     low, high = values - AGREE * accuracy, values + AGREE * accuracy
@@ -338,39 +315,30 @@ def _window(times: _Values, values: _Values, reach: float, accuracy: float, degr
 
 
 def _standing(times: _Values, station: _Values, accuracy: float, fit: _Fit) -> tuple[_Values, _Values, _Values]:
-    """Return stations, speeds and spread: while the vehicle stands, estimated from all samples of the stand."""
-    value, speed, spread = fit.value.copy(), fit.slope.copy(), SURE * fit.deviation + ALLOWED
-    for begin, end in _stands(times, station, accuracy):
-        count, stand = end - begin, slice(begin, end)
-        value[stand] = station[stand].mean()
-        spread[stand] = SURE * accuracy / np.sqrt(count) + ALLOWED
-        at = times[stand] - times[stand].mean()
-        creep = float((at * station[stand]).sum() / (at**2).sum())
-        error = accuracy / float(np.sqrt((at**2).sum()))
-        speed[stand] = 0.0 if abs(creep) + 2 * error <= PACE else np.clip(speed[stand], -PACE, PACE)
-    return value, speed, spread
-
-
-def _stands(times: _Values, station: _Values, accuracy: float) -> list[tuple[int, int]]:
-    """Return the index of the first sample of every stand, and the index after its last sample.
+    """Return stations, speeds and spread: while the vehicle stands, estimated from all samples of the stand.
 
     In a stand, the vehicle does not move: the measured stations differ from their mean only by noise.
     """
+    value, speed, spread = fit.value.copy(), fit.slope.copy(), SURE * fit.deviation + ALLOWED
     reach = STAND / 2
-    fit = _window(times, station, reach, accuracy, 1)
+    window = _window(times, station, reach, accuracy, 1)
     # The deviation of a slope for evenly spread samples.
-    slow = np.abs(fit.slope) <= np.maximum(AGREE * fit.deviation * np.sqrt(3.0) / reach, PACE)
-    stands = []
-    for begin, end in _parts(slow & np.isfinite(fit.deviation)):
+    slow = np.abs(window.slope) <= np.maximum(AGREE * window.deviation * np.sqrt(3.0) / reach, PACE)
+    for begin, end in _parts(slow & np.isfinite(window.deviation)):
         # Samples at the ends are removed until all samples belong to one place.
         while end - begin >= 4 and times[end - 1] - times[begin] >= STAND:
             apart = station[begin:end] - station[begin:end].mean()
             third = max((end - begin) // 3, 2)
             ends = apart[:third].mean(), apart[-third:].mean()
-            limit = AGREE * accuracy / np.sqrt(third)
-            if max(abs(ends[0]), abs(ends[1])) <= limit:
+            if max(abs(ends[0]), abs(ends[1])) <= AGREE * accuracy / np.sqrt(third):
                 inner = np.searchsorted(times, (times[begin] + SETTLED, times[end - 1] - SETTLED))
-                stands.append((int(inner[0]), int(inner[1]) + 1))
+                stand = slice(int(inner[0]), int(inner[1]) + 1)
+                at = times[stand] - times[stand].mean()
+                creep = float((at * station[stand]).sum() / (at**2).sum())
+                error = accuracy / float(np.sqrt((at**2).sum()))
+                value[stand] = station[stand].mean()
+                spread[stand] = SURE * accuracy / np.sqrt(len(at)) + ALLOWED
+                speed[stand] = 0.0 if abs(creep) + 2 * error <= PACE else np.clip(speed[stand], -PACE, PACE)
                 break
             begin, end = (begin + 1, end) if abs(ends[0]) > abs(ends[1]) else (begin, end - 1)
-    return stands
+    return value, speed, spread
