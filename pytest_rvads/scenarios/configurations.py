@@ -141,8 +141,13 @@ def explicit(distances: Axis, speeds: Axis, entrances: int) -> tuple[Configurati
 
     Either is a number for all entrances, a tuple with one number per entrance, or a list of such numbers and tuples.
     """
-    points = product(_points("distances", distances, entrances), _points("speeds", speeds, entrances))
-    return tuple(Configuration(explicit_label(d, v), d, v) for d, v in points)
+    axes = []
+    for name, axis in (("distances", plain(distances)), ("speeds", plain(speeds))):
+        entries: list[float | tuple[float, ...]] = axis if isinstance(axis, list) else [axis]
+        if not entries:
+            raise ScenarioError(f"{name} is an empty list: give at least one value")
+        axes.append([per_entrance(name, entry, entrances) for entry in entries])
+    return tuple(Configuration(explicit_label(d, v), d, v) for d, v in product(*axes))
 
 
 def explicit_label(distances: Sequence[float], speeds: Sequence[float]) -> str:
@@ -192,11 +197,3 @@ def per_entrance(name: str, value: float | Sequence[float], entrances: int) -> t
 def plain(value: Any) -> Any:
     """Return an array or number of numpy as builtins, any other value unchanged."""
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
-
-
-def _points(name: str, axis: Axis, entrances: int) -> list[tuple[float, ...]]:
-    axis = plain(axis)
-    entries: list[float | tuple[float, ...]] = axis if isinstance(axis, list) else [axis]
-    if not entries:
-        raise ScenarioError(f"{name} is an empty list: give at least one value")
-    return [per_entrance(name, entry, entrances) for entry in entries]

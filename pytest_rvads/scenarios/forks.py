@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.geometry.segment import Segment
 
 _BESIDE = 2.0
 """Distance of centre lines below which two lanes count as one lane [m]: cars, 1.86 m wide, have no room beside each other."""
@@ -40,7 +39,7 @@ class Fork(NamedTuple):
 @lru_cache(maxsize=256)
 def forks(place: Junction) -> tuple[Fork, ...]:
     """Return the pairs of entrances whose approaches begin on a common lane; entrances without a known approach are skipped."""
-    lines = {e: _sample(lane.approach) for e, lane in enumerate(place.entrances) if lane.approach}
+    lines = _approaches(place)
     pairs = []
     for first, second in combinations(lines, 2):
         distances = _parting(lines[first], lines[second])
@@ -58,31 +57,29 @@ def near(place: Junction) -> frozenset[tuple[int, int]]:
 
     The two approaches begin on a common lane, see `forks`, or converge towards their stopping lines.
     """
-    lines = {e: _sample(lane.approach)[::-2] for e, lane in enumerate(place.entrances) if lane.approach}
+    lines = {entrance: points[::-2] for entrance, points in _approaches(place).items()}
     pairs = combinations(lines, 2)
-    return frozenset((a, b) for a, b in pairs if min(_gaps(p, lines[b]).min() for p in lines[a]) < _NEAR)
+    return frozenset((a, b) for a, b in pairs if min(np.hypot(*(lines[b] - p).T).min() for p in lines[a]) < _NEAR)
 
 
 def _parting(first: NDArray[np.float64], second: NDArray[np.float64]) -> tuple[float, float] | None:
     """Return the distances before their ends at which two lines part [m]; None if the first line does not begin on the second."""
-    if _gaps(first[0], second).min() >= _BESIDE:
-        return None
-    last = nearest = 0
+    last = nearest = -1
     for k, point in enumerate(first):
-        gaps = _gaps(point, second)
+        gaps = np.hypot(*(second - point).T)
         if gaps.min() >= _BESIDE:
             break
         last, nearest = k, int(gaps.argmin())
+    if last < 0:
+        return None
     return (len(first) - 1 - last) * _SPACING, (len(second) - 1 - nearest) * _SPACING
 
 
-def _gaps(point: NDArray[np.float64], line: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the distances of the points of a line from one point [m]."""
-    gaps: NDArray[np.float64] = np.hypot(*(line - point).T)
-    return gaps
-
-
-def _sample(line: Segment) -> NDArray[np.float64]:
-    """Return points of a line, the last point at the end of the line, shape ``(k, 2)`` [m]."""
-    stations = np.arange(line.length, 0.0, -_SPACING)[::-1]
-    return np.column_stack([np.interp(stations, line.stations, line.points[:, axis]) for axis in (0, 1)])
+def _approaches(place: Junction) -> dict[int, NDArray[np.float64]]:
+    """Return, per entrance with a known approach, points of the approach, the last at its end, shape ``(k, 2)`` [m]."""
+    points = {}
+    for entrance, lane in enumerate(place.entrances):
+        if line := lane.approach:
+            stations = np.arange(line.length, 0.0, -_SPACING)[::-1]
+            points[entrance] = np.column_stack([np.interp(stations, line.stations, axis) for axis in line.points.T])
+    return points

@@ -145,23 +145,19 @@ class Selection:
 
         With pedestrians, the number is the greatest possible number: `walks` for every scenario with vehicles.
         """
-        return self._vehicles() * self.walks
-
-    def _vehicles(self) -> int:
+        orbits, walks = self.orbits, self.walks
         if self.classes is not None or self.scenarios is not None or self.cover in PAIRED:
-            return sum(len(self._seated(first)) for first in self._firsts())
-        orbits = self.orbits
-        once = self.cover in _ONCE
+            return walks * sum(len(self._seated(first)) for first in self._firsts())
         if self.subject is None:
             whole = orbits.scenarios if self.cover == "scenario" else orbits.count
-            return whole * orbits.blocks if self.cover == "rotation" else whole
+            return walks * whole * (orbits.blocks if self.cover == "rotation" else 1)
         seats = range(self.entrances) if self.subject == "all" else [int(self.subject)]
         if self.cover == "rotation":
-            return sum(map(orbits.turned, seats))
+            return walks * sum(map(orbits.turned, seats))
+        seated = walks * sum(map(orbits.seated, seats))
         # Only the rotation by 0 keeps the subject's entrance, so every class of pairs (scenario, subject's entrance) has as many
         # members as the junction has rotations.
-        seated = sum(map(orbits.seated, seats))
-        return seated // orbits.blocks if once and self.subject == "all" else seated
+        return seated // orbits.blocks if self.cover in _ONCE and self.subject == "all" else seated
 
     def __iter__(self) -> Iterator[Scenario]:
         """Yield the selected scenarios, class by class, rotation by rotation, configuration by configuration."""
