@@ -266,8 +266,13 @@ def attribute(judgements: Sequence[Judgement], rule: Rule, values: Values, book:
     """
     run, status = values.run, _overall(judgements)
     subject = run.subject
+
+    def hopeless(violations: Sequence[Judgement]) -> bool:
+        templates = [*(j.template for j in judgements), *companions(rule, run, book)]
+        return unavoidable(violations, templates, values)
+
     if subject is None:
-        excused = status is Status.FAIL and unavoidable(judgements, _with_companions(judgements, rule, run, book), values)
+        excused = status is Status.FAIL and hopeless(judgements)
         if excused and any(j.status is Status.UNSURE for j in judgements):
             return Attribution(Status.UNSURE)
         vehicles = (column for column, agent in enumerate(run.agents) if not isinstance(agent.way, Crossing))
@@ -282,13 +287,13 @@ def attribute(judgements: Sequence[Judgement], rule: Rule, values: Values, book:
         return Attribution(Status.UNSURE if open_to_doubt else Status.PASS if bound else Status.NA, bound or open_to_doubt)
     attributed = [j for j in judgements if j.status in _BROKEN and is_about(j, run, subject)]
     failed = [j for j in attributed if j.status is Status.FAIL]
-    if failed and not unavoidable(failed, _with_companions(judgements, rule, run, book), values):
+    if failed and not hopeless(failed):
         return Attribution(Status.FAIL)
     if len(attributed) > len(failed) and not _excused(judgements, rule, values, book):
         return Attribution(Status.OPEN)
     if open_to_doubt:
         return Attribution(Status.UNSURE)
-    if status is Status.FAIL and unavoidable(judgements, _with_companions(judgements, rule, run, book), values):
+    if status is Status.FAIL and hopeless(judgements):
         return Attribution(status, bound, unavoidable=True)
     return Attribution(status, bound, provoked=True)
 
@@ -303,10 +308,6 @@ def companions(rule: Rule, run: Run, book: RuleBook) -> tuple[Template, ...]:
 def _overall(judgements: Iterable[Judgement]) -> Status:
     statuses = {j.status for j in judgements}
     return next((s for s in (Status.FAIL, Status.OPEN, Status.UNSURE, Status.PASS) if s in statuses), Status.NA)
-
-
-def _with_companions(judgements: Sequence[Judgement], rule: Rule, run: Run, book: RuleBook) -> list[Template]:
-    return [*(j.template for j in judgements), *companions(rule, run, book)]
 
 
 def _excused(judgements: Sequence[Judgement], rule: Rule, values: Values, book: RuleBook) -> bool:

@@ -95,21 +95,25 @@ class Orbits:
         The algorithm of Fredricksen, Kessler and Maiorana yields necklaces in lexicographic order; the memory that it needs does
         not grow with the number of classes.
         """
-        length, top = self.blocks, self._top
-        word = [0] * (length + 1)
-        if not self.partial:  # with empty slots, the first word has no vehicle
-            yield self._code(word[1:])
-        while True:
+        length, top, each = self.blocks, self._top, len(self.slots) // self.blocks
+        word, i = [0] * (length + 1), 1
+        while i:
+            if length % i == 0 and (any(word) or not self.partial):  # with empty slots, the first word has no vehicle
+                code: list[int] = []
+                for letter in word[1:]:
+                    chosen: list[Directions] = []
+                    for letters in self.slots[each - 1 :: -1]:
+                        letter, rank = divmod(letter, len(letters))
+                        chosen.append(letters[rank])
+                    code += [direction for letter_of_slot in reversed(chosen) for direction in letter_of_slot]
+                yield tuple(code)
             i = length
             while i and word[i] == top:
                 i -= 1
-            if not i:
-                return
-            word[i] += 1
+            if i:
+                word[i] += 1
             for j in range(i + 1, length + 1):
                 word[j] = word[j - i]
-            if length % i == 0:
-                yield self._code(word[1:])
 
     def turns(self, code: Directions) -> tuple[Directions, ...]:
         """Return the rotations of a scenario, the scenario itself first; rotations of a symmetric scenario can be equal."""
@@ -193,16 +197,6 @@ class Orbits:
             word[number // each] = word[number // each] * len(ranks) + rank
             first = last
         return tuple(word)
-
-    def _code(self, word: Sequence[int]) -> Directions:
-        each, code = len(self.slots) // self.blocks, []
-        for letter in word:
-            chosen: list[Directions] = []
-            for letters in self.slots[each - 1 :: -1]:
-                letter, rank = divmod(letter, len(letters))
-                chosen.append(letters[rank])
-            code += [direction for letter_of_slot in reversed(chosen) for direction in letter_of_slot]
-        return tuple(code)
 
 
 @lru_cache

@@ -245,37 +245,33 @@ class Block:
 
     def _carry(self, signal: Signal[Any]) -> tuple[NDArray[Any], ...]:
         """Return the carry of a signal (values kept from the block before), rearranged to the columns of this block."""
-        if self.previous is None:
-            fresh = _fresh(signal, self.cast, self.dt)
-            if self.tick and fresh[0].shape[-1]:
+        before = self.previous
+        if before is not None:
+            if signal in before.unknown:
+                raise RunError(before.unknown[signal])
+            signal(before)
+            if self.kept is None:
+                return before.after[signal]
+        count = len(self.cast if signal.pairs is None else self.cast.static(signal.pairs))
+        starts = signal.start(self.dt) if callable(signal.start) else signal.start
+        fresh = tuple(np.repeat(np.asarray(start)[..., None], count, axis=-1) for start in starts)
+        if before is None:
+            if self.tick and count:
                 raise RuntimeError(
                     f"{signal.work.__name__} depends on earlier states, and was not worked out on the block before"
                 )
             return fresh
-        if signal in self.previous.unknown:
-            raise RunError(self.previous.unknown[signal])
-        signal(self.previous)
-        carry, cast = self.previous.after[signal], self.previous.cast
-        if self.kept is None:
-            return carry
-        columns = {before: now for now, before in enumerate(self.kept) if before is not None}
+        columns = {then: now for now, then in enumerate(self.kept or ()) if then is not None}
         if signal.pairs is None:
             moves = list(columns.items())
         else:
-            now, then = self.cast.static(signal.pairs).column, cast.static(signal.pairs).column
+            now, then = self.cast.static(signal.pairs).column, before.cast.static(signal.pairs).column
             moved = (((columns.get(agent), columns.get(other)), number) for (agent, other), number in then.items())
             moves = [(number, now[pair]) for pair, number in moved if pair in now]
         source, target = np.array(moves, dtype=np.int64).reshape(-1, 2).T
-        fresh = _fresh(signal, self.cast, self.dt)
-        for part, was in zip(fresh, carry, strict=True):
+        for part, was in zip(fresh, before.after[signal], strict=True):
             part[..., target] = was[..., source]
         return fresh
-
-
-def _fresh(signal: Signal[Any], cast: Cast, dt: float) -> tuple[NDArray[Any], ...]:
-    count = len(cast if signal.pairs is None else cast.static(signal.pairs))
-    starts = signal.start(dt) if callable(signal.start) else signal.start
-    return tuple(np.repeat(np.asarray(start)[..., None], count, axis=-1) for start in starts)
 
 
 def unless_equal(new: Any, old: Any) -> Any:

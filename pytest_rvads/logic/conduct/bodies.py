@@ -41,11 +41,7 @@ def couples(cast: Cast) -> Pairs:
     return Pairs(list(combinations(range(len(cast)), 2)), ordered=False)
 
 
-def _bodies(block: Block, columns: Sequence[int]) -> None:
-    sized(block, columns, "pose")
-
-
-@signal(pairs=couples, needs=_bodies)
+@signal(pairs=couples, needs=lambda block, columns: sized(block, columns, "pose"))
 def overlap(block: Block) -> NDArray[np.bool_]:
     """Return whether the bodies of each pair overlap, see `touch`; two pedestrians never do, because people step aside."""
     both, cast, pose = block.cast.static(couples), block.cast, block.need("pose")
@@ -71,7 +67,7 @@ def overlap(block: Block) -> NDArray[np.bool_]:
 
 def _recorded_or_bodies(block: Block, columns: Sequence[int]) -> None:
     if block.touching is None:
-        _bodies(block, columns)
+        sized(block, columns, "pose")
 
 
 @signal(pairs=couples, needs=_recorded_or_bodies)

@@ -109,6 +109,16 @@ class Cast:
         result: _Value = self._static[work]
         return result
 
+    def columns(self, of: Callable[[Cast], Pairs], among: Callable[[Cast], Pairs], *, turned: bool = False) -> NDArray[np.int64]:
+        """Return, per pair of `of`, its column in `among`, or that of the pair turned round; -1 for a pair that `among` lacks."""
+        key = of, among, turned
+        if key not in self._static:
+            column, pairs = self.static(among).column, self.static(of).column
+            found = [column.get(pair[::-1] if turned else pair, -1) for pair in pairs]
+            self._static[key] = np.array(found, dtype=np.int64)
+        result: NDArray[np.int64] = self._static[key]
+        return result
+
 
 def pairs(cast: Cast, belong: Callable[[int, int], bool]) -> Pairs:
     """Return the ordered pairs of different vehicles for whose columns `belong` holds."""

@@ -13,7 +13,6 @@ from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.ways import Key
@@ -68,8 +67,7 @@ def kpis(run: Run) -> Kpis:
             _arrival(run, i),
             _rounded(float((run.zone[:, i] == Zone.ENTRANCE).sum()) * run.dt),
             measure("delay", _delay, i),
-            measure("deceleration", _deceleration, i),
-            measure("jerk", _jerk, i),
+            *((None, None) if run.speed is None else _braking(run, i)),
         )
         for i in columns
         if judged_columns is None or i in judged_columns
@@ -144,26 +142,18 @@ def describe(indicators: Kpis) -> list[str]:
     return lines
 
 
-def _accelerations(run: Run, column: int) -> tuple[NDArray[np.float64], int]:
-    """Return a vehicle's mean accelerations in windows of time up to its first contact [m/s^2], and the steps per window."""
+def _braking(run: Run, column: int) -> tuple[float | None, float | None]:
+    """Return a vehicle's hardest deceleration [m/s^2] and jerk [m/s^3] up to its first contact, averaged over `WINDOW`."""
     step, name = max(ticks(run, WINDOW), 1), run.agents[column].name
     try:
         end = min((tick_of(run, contact) for contact in contacts(run) if name in contact.agents), default=run.steps)
     except RunError:  # no positions or no sizes: contacts are unknown
         end = run.steps
     driven = run.need("speed")[:end, column][run.here[:end, column]]
-    return (driven[step:] - driven[:-step]) / (step * run.dt), step
-
-
-def _deceleration(run: Run, column: int) -> float | None:
-    acceleration, _ = _accelerations(run, column)
-    return _rounded(max(0.0, -float(acceleration.min()))) if len(acceleration) else None
-
-
-def _jerk(run: Run, column: int) -> float | None:
-    acceleration, step = _accelerations(run, column)
+    acceleration = (driven[step:] - driven[:-step]) / (step * run.dt)
     change = np.abs(acceleration[step:] - acceleration[:-step])
-    return _rounded(float(change.max()) / (step * run.dt)) if len(change) else None
+    deceleration = _rounded(max(0.0, -float(acceleration.min()))) if len(acceleration) else None
+    return deceleration, _rounded(float(change.max()) / (step * run.dt)) if len(change) else None
 
 
 def _arrival(run: Run, column: int) -> float | None:

@@ -26,7 +26,7 @@ colours of lights that a recording lacks. `on_each_way` puts vehicles whose way 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import product
 
@@ -89,16 +89,10 @@ def window(run: Run, columns: Iterable[int]) -> tuple[int, int]:
     Rules for these agents are judged between the two ticks. Therefore an absent vehicle breaks no obligation, and no vehicle
     breaks an obligation towards an absent vehicle.
     """
-    spans = once(run, _spans)
     begin, end = 0, run.steps
-    for column in columns:
-        begins, ends = spans[column]
+    for begins, ends in run.spans[list(columns)].tolist():
         begin, end = max(begin, begins), min(end, ends)
     return begin, max(begin, end)
-
-
-def _spans(run: Run) -> list[tuple[int, int]]:
-    return [(begin, end) for begin, end in run.spans.tolist()]
 
 
 def last_seen(run: Run, columns: Iterable[int]) -> tuple[str, int] | None:
@@ -189,18 +183,14 @@ def on_each_way(run: Run) -> Iterator[Run]:
     most, bits = max(counts, default=0), range(max((len(doubtful) - 1).bit_length(), 1))
     pairs = product(bits, product(range(most), repeat=2))
     choices = dict.fromkeys(tuple(two[k >> bit & 1] % count for k, count in enumerate(counts)) for bit, two in pairs)
-    yield from (_rerouted(run, dict(zip(doubtful, choice, strict=True))) for choice in choices)
-
-
-def _rerouted(run: Run, choice: Mapping[int, int]) -> Run:
-    """Return a run in which each vehicle of `choice`, by column, is on the way with this number."""
-    agents, zone = list(run.agents), run.zone.copy()
-    for column, number in choice.items():
-        agent = agents[column]
-        key = agent.entrance, (agent.exit, *agent.other_exits)[number]
-        agents[column] = replace(agent, way=run.junction.movements[key], other_exits=())
-        begin, end = run.spans[column]
-        if number and run.station is not None:
-            spread = 0.0 if run.spread is None else run.spread[begin:end, column]
-            zone[begin:end, column] = zones(itinerary(run.junction, *key).borders, run.station[begin:end, column], spread)
-    return replace(run, agents=tuple(agents), zone=zone)
+    for choice in choices:
+        agents, zone = list(run.agents), run.zone.copy()
+        for column, number in zip(doubtful, choice, strict=True):
+            agent = agents[column]
+            key = agent.entrance, (agent.exit, *agent.other_exits)[number]
+            agents[column] = replace(agent, way=run.junction.movements[key], other_exits=())
+            begin, end = run.spans[column]
+            if number and run.station is not None:
+                spread = 0.0 if run.spread is None else run.spread[begin:end, column]
+                zone[begin:end, column] = zones(itinerary(run.junction, *key).borders, run.station[begin:end, column], spread)
+        yield replace(run, agents=tuple(agents), zone=zone)

@@ -239,14 +239,6 @@ class Meeting(NamedTuple):
     """Whether the other vehicle brakes harder than it would without other vehicles."""
 
 
-def _columns(cast: Cast) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return, for each pair of `owing`, its columns in `couples` and in `neighbours`; -1 for a pair that is not in neighbours."""
-    both, near = cast.static(couples).column, cast.static(neighbours).column
-    columns = [(both[pair], near.get(pair, -1)) for pair in cast.static(owing).column]
-    touching, close = np.array(columns, dtype=np.int64).reshape(-1, 2).T
-    return touching, close
-
-
 _UNSEEN = Meeting(False, False, math.nan, math.nan, False, math.nan, math.nan, False, False, False, False, False)
 """The first state of an encounter whose agent entered before the other vehicle appeared, so that the values are unknown."""
 
@@ -257,7 +249,7 @@ def _meetings(block: Block, chosen: NDArray[np.int64], firsts: Sequence[int]) ->
         return
     cast, both, near, begin = block.cast, block.cast.static(owing), block.cast.static(neighbours), min(firsts)
     agents, others = both.agents[chosen], both.others[chosen]
-    touching, close = (columns[chosen] for columns in cast.static(_columns))
+    touching, close = cast.columns(owing, couples)[chosen], cast.columns(owing, neighbours)[chosen]
     station, speed, holding = block.need("station"), block.need("speed"), kept_by(block)
     holders = near.count(holding, len(cast))
     by_other = (close >= 0) & holding.take(close, axis=1) if len(near) else False

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from pytest_rvads.logic.conduct.blocks import ENTRANCE, Block, signal, sized
 from pytest_rvads.logic.conduct.cast import Cast
 from pytest_rvads.logic.conduct.rights import GREEN, PACE, RED, YELLOW, close_behind
-from pytest_rvads.logic.conduct.standing import advance, facing, inside, lasting, latched
+from pytest_rvads.logic.conduct.standing import advance, facing, inside, lasting, latched, lines
 from pytest_rvads.logic.conduct.stretches import ahead_by, first_stretch, neighbours
-from pytest_rvads.logic.conduct.waiting import QUEUE_GAP, SPARE, circles, lets_pass, lines, partners
+from pytest_rvads.logic.conduct.waiting import QUEUE_GAP, SPARE, circles, lets_pass, partners
 from pytest_rvads.runs.itineraries import LEAVE
 
 PATIENCE = 10.0
@@ -54,19 +54,12 @@ def _before_lights(cast: Cast) -> NDArray[np.float64]:
 @signal
 def _at_light(block: Block) -> NDArray[np.bool_]:
     """Return whether each vehicle may wait at its light: the light is not green, and the vehicle is near the light."""
-    waiting: NDArray[np.bool_] = _dark(block)
+    light = block.lights.take(block.cast.entrance, axis=1)
+    waiting: NDArray[np.bool_] = (light == RED) | (light == YELLOW)
     if waiting.any():
         station, (begin, end) = block.need("station"), block.cast.static(_before_lights)
         waiting = waiting & (station > begin) & (station < end)
     return waiting
-
-
-@signal(steady=True)
-def _dark(block: Block) -> NDArray[np.bool_]:
-    """Return whether each vehicle comes to an entrance whose light is not green now."""
-    light = block.lights.take(block.cast.entrance, axis=1)
-    dark: NDArray[np.bool_] = (light == RED) | (light == YELLOW)
-    return dark
 
 
 def _slowness(block: Block, speed: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -71,9 +71,8 @@ def owing(cast: Cast) -> Pairs:
     return pairs(cast, lambda agent, other: may_owe(cast, agent, other))
 
 
-def owed_places(cast: Cast) -> Places:
-    """Return the stretches that the ways of the pairs `owing` share, see `contested`."""
-    return places(contested(cast, agent, other) for agent, other in cast.static(owing).column)
+owed_places = places(owing, contested)
+"""The stretches that the ways of the pairs `owing` share, see `contested`."""
 
 
 def _always(cast: Cast) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -175,9 +174,7 @@ def in_turns(cast: Cast) -> Pairs:
 @signal(pairs=in_turns, steady=True)
 def comes_first(block: Block) -> NDArray[np.bool_]:
     """Return whether each pair's second vehicle goes first, because their movements meet and it came first, see `came_first`."""
-    both, cast = block.cast.static(everybody), block.cast
-    columns = [both.column[pair] for pair in cast.static(in_turns).column]
-    earlier: NDArray[np.bool_] = came_first(block)[:, columns]
+    earlier: NDArray[np.bool_] = came_first(block)[:, block.cast.columns(in_turns, everybody)]
     return earlier
 
 
@@ -224,19 +221,13 @@ def starting(block: Block, before: NDArray[np.int64], last: NDArray[np.int64]) -
     return next_to_go(block) & np.where(standing, count <= most, block.ticks - since < most), count, since
 
 
-@signal(steady=True)
-def _free(block: Block) -> NDArray[np.bool_]:
-    """Return whether each vehicle stands first at its line with the right to go, and no other vehicle keeps it there."""
-    free: NDArray[np.bool_] = next_to_go(block) & stands(block)
-    if free.any():
-        free &= ~block.cast.static(neighbours).any(_keeps(block), len(block.cast))
-    return free
-
-
 @signal(start=(0,))
 def waives(block: Block, before: NDArray[np.int64]) -> tuple[NDArray[Any], ...]:
     """Return whether each vehicle waives its right: it has stood first at its line, free to go, for more than `WAIVER`."""
-    count = lasting(_free(block), before)
+    free: NDArray[np.bool_] = next_to_go(block) & stands(block)
+    if free.any():
+        free &= ~block.cast.static(neighbours).any(_keeps(block), len(block.cast))
+    count = lasting(free, before)
     return count > round(WAIVER / block.dt), count
 
 
@@ -250,12 +241,6 @@ def gives_up(block: Block) -> NDArray[np.bool_]:
     if block.station is not None and block.speed is not None and block.junction.stretches is not None:
         without_turn |= waives(block)
     return without_turn
-
-
-def _debts(cast: Cast) -> NDArray[np.int64]:
-    """Return, per pair of `neighbours`, the column of the reversed pair in `owing`; -1 if the reversed pair is not in `owing`."""
-    debts = cast.static(owing).column
-    return np.array([debts.get((other, agent), -1) for agent, other in cast.static(neighbours).column], dtype=np.int64)
 
 
 @signal(pairs=neighbours, steady=True)
@@ -275,7 +260,7 @@ def _keeps(block: Block) -> NDArray[np.bool_]:
         tick = arrivals(block).tick
         blocking &= both.second(tick) <= both.first(tick)
     else:
-        debts = cast.static(_debts)
+        debts = cast.columns(neighbours, owing, turned=True)
         blocking[:, debts >= 0] &= ~yields(block)[:, debts[debts >= 0]]
     blocking |= close_behind(block)
     return blocking
@@ -286,20 +271,12 @@ def close_behind(block: Block) -> NDArray[np.bool_]:
     """Return whether each pair's second vehicle is slow, and close ahead of the first or in its room on the common exit road."""
     cast, both, rear = block.cast, block.cast.static(neighbours), ahead_by(block)
     near: NDArray[np.bool_] = rear < GAP
-    at_line = _at_line_before_exit(block)
+    at_line = both.first(arrived(block)) & both.second(block.zone == EXIT) & cast.static(roads).exit
     if at_line.any():
         room = (both.first(block.need("station")) - both.first(cast.way)) + rear
         near |= at_line & (room < both.first(cast.length) + ROOM)
     near &= both.second(block.need("speed") < PACE)
     return near
-
-
-@signal(pairs=neighbours, steady=True)
-def _at_line_before_exit(block: Block) -> NDArray[np.bool_]:
-    """Return whether each pair's first vehicle has arrived at its line while the second is on the exit road of the first."""
-    both = block.cast.static(neighbours)
-    at_line: NDArray[np.bool_] = both.first(arrived(block)) & both.second(block.zone == EXIT) & block.cast.static(roads).exit
-    return at_line
 
 
 @signal(pairs=neighbours, start=(False,), steady=True)

@@ -106,13 +106,14 @@ def advance(block: Block, before: NDArray[np.float64]) -> tuple[NDArray[np.float
 def inside(block: Block) -> NDArray[np.bool_]:
     """Return whether a part of the body of each vehicle is in the junction."""
     front, cast = block.need("station"), block.cast
-    inside_junction: NDArray[np.bool_] = (front > cast.static(_entries)) & ((front - cast.length) - cast.way < 0.0) & block.here
+    entry = np.maximum(cast.static(lines), 0.0)  # the stations at which the junction begins, see `Itinerary.entry`
+    inside_junction: NDArray[np.bool_] = (front > entry) & ((front - cast.length) - cast.way < 0.0) & block.here
     return inside_junction
 
 
-def _entries(cast: Cast) -> NDArray[np.float64]:
-    """Return the stations at which the junction begins for each vehicle, see `Itinerary.entry`, shape ``(agents,)`` [m]."""
-    return np.array([max(-cast.junction.setbacks[agent.entrance], 0.0) for agent in cast.agents])
+def lines(cast: Cast) -> NDArray[np.float64]:
+    """Return the stations of the stopping lines of all vehicles, shape ``(agents,)`` [m]."""
+    return np.array([-cast.junction.setbacks[agent.entrance] for agent in cast.agents], dtype=np.float64)
 
 
 def stop_place(junction: Junction, entrance: int) -> tuple[float, float]:

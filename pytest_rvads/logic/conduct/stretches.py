@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -111,17 +111,20 @@ class Places(NamedTuple):
     """Whether both ways lead into the same exit."""
 
 
-def places(commons: Iterable[Shared | None]) -> Places:
-    """Return the stations of the stretches that pairs of vehicles share; NaN for a pair without a shared stretch."""
-    nothing = (math.nan,) * 4 + (False,)
-    rows = [nothing if c is None else (c.mine.start, c.mine.end, c.yours.start, c.yours.end, c.merges) for c in commons]
-    begin, end, begin_of_two, end_of_two, merges = np.array(rows, dtype=np.float64).reshape(-1, 5).T
-    return Places(begin, end, begin_of_two, end_of_two, merges.astype(np.bool_))
+def places(of: Callable[[Cast], Pairs], common: Callable[[Cast, int, int], Shared | None]) -> Callable[[Cast], Places]:
+    """Return a function with the places of the stretches that pairs of vehicles have in common; NaN for a pair without any."""
+
+    def work(cast: Cast) -> Places:
+        nothing = (math.nan,) * 4 + (False,)
+        commons = [common(cast, agent, other) for agent, other in cast.static(of).column]
+        rows = [nothing if c is None else (*c.mine, *c.yours, c.merges) for c in commons]
+        begin, end, begin_of_two, end_of_two, merges = np.array(rows, dtype=np.float64).reshape(-1, 5).T
+        return Places(begin, end, begin_of_two, end_of_two, merges.astype(np.bool_))
+
+    return work
 
 
-def _meeting_places(cast: Cast) -> Places:
-    both = cast.static(meeting)
-    return places(shared(cast, agent, other) for agent, other in both.column)
+_meeting_places = places(meeting, shared)
 
 
 @signal(pairs=meeting, steady=True)
@@ -170,9 +173,8 @@ def neighbours(cast: Cast) -> Pairs:
     return pairs(cast, belong)
 
 
-def contested_places(cast: Cast) -> Places:
-    """Return the contested stretches (shared stretches with a part of the exit road) of the pairs `neighbours`."""
-    return places(contested(cast, agent, other) for agent, other in cast.static(neighbours).column)
+contested_places = places(neighbours, contested)
+"""The contested stretches (shared stretches with a part of the exit road) of the pairs `neighbours`."""
 
 
 class _Roads(NamedTuple):

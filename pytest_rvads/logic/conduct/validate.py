@@ -71,14 +71,7 @@ def validate(run: Run) -> tuple[Finding, ...]:
         if agent.kind is not Kind.PEDESTRIAN or run.excerpt is None:
             findings += _progress(run, column, agent)
             findings += _itinerary(run, column, agent)
-    findings += _sampling(run)
-    findings += _colours(run)
-    if run.pose is not None and run.collisions is not None and all(agent.size for agent in run.agents):
-        recorded = {frozenset(collision.agents) for collision in run.collisions}
-        for contact in contacts(replace(run, collisions=None)):
-            if frozenset(contact.agents) not in recorded:
-                time, names = run.start + contact.time, " and ".join(contact.agents)
-                findings.append(Finding("collision", time, f"{names} touch at {time:.2f} s, and no collision is recorded"))
+    findings += _of_all(run)
     return tuple(sorted(findings, key=lambda f: f.time))
 
 
@@ -91,7 +84,21 @@ def impossible(run: Run) -> Iterator[Finding]:
     yield from broken
     for column, agent in enumerate(() if broken else run.agents):
         yield from _zones(run, column, agent)
-        yield from _pace(run, column, agent)
+        if run.pose is None or run.speed is None or run.steps < 2:
+            continue
+        # The motion of the body is more exact than its station.
+        step, heading = np.diff(run.pose[:, column, :2], axis=0) / run.dt, run.pose[:-1, column, 2]
+        ahead = step[:, 0] * np.cos(heading) + step[:, 1] * np.sin(heading)
+        speed, (absolute, relative) = run.speed[1:, column], _PACE
+        present = run.here[1:, column] & run.here[:-1, column]
+        wrong = np.flatnonzero(present & (np.abs(ahead - speed) > absolute + relative * np.abs(speed)))
+        if len(wrong) > _LONG:
+            time, moves, speed_given = run.start + (int(wrong[0]) + 1) * run.dt, ahead[wrong[0]], speed[wrong[0]]
+            yield Finding(
+                "speed",
+                time,
+                f"{agent.name} moves ahead at {moves:.1f} m/s at {time:.2f} s, its speed is given as {speed_given:.1f} m/s",
+            )
 
 
 def damage(run: Run) -> tuple[Finding, ...]:
@@ -121,7 +128,7 @@ def _arrays(run: Run) -> Iterator[Finding]:
             yield Finding("values", 0.0, f"{name} must have shape {expected}, got {array.shape}")
         elif array.dtype.kind == "f" and not np.isfinite(array[recorded]).all():
             tick, column, *_ = np.argwhere(~np.isfinite(array) & (recorded if array.ndim == 2 else recorded[..., None]))[0]
-            time = _clock(run, int(tick))
+            time = run.start + int(tick) * run.dt
             yield Finding("values", time, f"{name} of {run.agents[column].name} at {time:.2f} s is not a finite number")
     for name, codes, allowed in (("zone", run.zone, Zone), ("colour", run.lights, Colour)):
         if codes.size and not np.isin(codes, [int(v) for v in allowed]).all():
@@ -160,12 +167,8 @@ def _zones(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
     if len(jumps):
         tick = int(jumps[0])
         before, after = (Zone(int(zone[t])).name.lower() for t in (tick - 1, tick))
-        time = _clock(run, tick)
-        yield Finding(
-            "jump",
-            time,
-            f"{agent.name} jumps on the graph at {time:.2f} s: from {before} to {after} in one step",
-        )
+        time = run.start + tick * run.dt
+        yield Finding("jump", time, f"{agent.name} jumps on the graph at {time:.2f} s: from {before} to {after} in one step")
     if run.station is None:
         return
     station, line = run.station[:, column], -run.junction.setbacks[agent.entrance]
@@ -179,7 +182,7 @@ def _zones(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
     wrong = np.flatnonzero(((zone < first) | (zone > last)) & run.here[:, column])
     if len(wrong):
         tick = int(wrong[0])
-        name, time = Zone(int(zone[tick])).name.lower(), _clock(run, tick)
+        name, time = Zone(int(zone[tick])).name.lower(), run.start + tick * run.dt
         yield Finding(
             "zone",
             time,
@@ -208,7 +211,7 @@ def _progress(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
         return
     tick = int(wrong[0])
     ratio = float(progress[tick] / expected[tick]) if abs(expected[tick]) > 1e-9 else 0.0
-    distance, due, time = f"{progress[tick]:.3f}", f"{expected[tick]:.3f}", _clock(run, tick)
+    distance, due, time = f"{progress[tick]:.3f}", f"{expected[tick]:.3f}", run.start + tick * run.dt
     text = f"{agent.name} makes {distance} m from {time:.2f} s to the next state, speed times time is {due} m"
     if ratio > 1.8 and abs(ratio - round(ratio)) < 0.2:
         yield Finding("missing ticks", time, f"{text}: {round(ratio) - 1} states seem to be missing")
@@ -216,32 +219,11 @@ def _progress(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
         yield Finding("progress", time, text)
 
 
-def _pace(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
-    """Check that the speed of a vehicle agrees with the motion of its body, which is more exact than its station."""
-    if run.pose is None or run.speed is None or run.steps < 2:
-        return
-    step, heading = np.diff(run.pose[:, column, :2], axis=0) / run.dt, run.pose[:-1, column, 2]
-    ahead = step[:, 0] * np.cos(heading) + step[:, 1] * np.sin(heading)
-    speed, (absolute, relative) = run.speed[1:, column], _PACE
-    present = run.here[1:, column] & run.here[:-1, column]
-    wrong = np.flatnonzero(present & (np.abs(ahead - speed) > absolute + relative * np.abs(speed)))
-    if len(wrong) > _LONG:
-        time, moves, speed_given = _clock(run, int(wrong[0]) + 1), ahead[wrong[0]], speed[wrong[0]]
-        yield Finding(
-            "speed",
-            time,
-            f"{agent.name} moves ahead at {moves:.1f} m/s at {time:.2f} s, its speed is given as {speed_given:.1f} m/s",
-        )
-
-
-def _sampling(run: Run) -> Iterator[Finding]:
-    """Check that no vehicle passes a whole entrance zone between two states; the finding names the first vehicle that does."""
-    if run.speed is None:
-        return
-    fast = np.abs(run.speed) * run.dt > ENTRANCE_ZONE
-    if fast.any():
-        tick, column = np.argwhere(fast)[0]
-        time, further = _clock(run, int(tick)), int(fast.any(axis=0).sum()) - 1
+def _of_all(run: Run) -> Iterator[Finding]:
+    """Check sampling (no vehicle passes a whole entrance zone between two states), colours of lights, and recorded collisions."""
+    if run.speed is not None and (fast := np.abs(run.speed) * run.dt > ENTRANCE_ZONE).any():
+        tick, column = np.argwhere(fast)[0].tolist()
+        time, further = run.start + tick * run.dt, int(fast.any(axis=0).sum()) - 1
         more = f", as do {further} others" if further > 1 else ", as does another vehicle" if further else ""
         yield Finding(
             "sampling",
@@ -249,6 +231,20 @@ def _sampling(run: Run) -> Iterator[Finding]:
             f"{run.agents[column].name} drives {run.speed[tick, column]:.1f} m/s at {time:.2f} s{more}: in {run.dt:g} s that is "
             f"more than the entrance zone of {ENTRANCE_ZONE:g} m, so rules may miss when it was there",
         )
+    for entrance in range(run.lights.shape[1]):
+        series = run.lights[:, entrance]
+        for tick in (np.flatnonzero(np.diff(series)) + 1).tolist():
+            before, after = Colour(int(series[tick - 1])), Colour(int(series[tick]))
+            if _ORDER.get(before) is not after:
+                time, change = run.start + tick * run.dt, f"from {before.name.lower()} to {after.name.lower()}"
+                yield Finding("colour", time, f"light {entrance} turns {change} at {time:.2f} s, out of order")
+                break
+    if run.pose is not None and run.collisions is not None and all(agent.size for agent in run.agents):
+        recorded = {frozenset(collision.agents) for collision in run.collisions}
+        for contact in contacts(replace(run, collisions=None)):
+            if frozenset(contact.agents) not in recorded:
+                time, names = run.start + contact.time, " and ".join(contact.agents)
+                yield Finding("collision", time, f"{names} touch at {time:.2f} s, and no collision is recorded")
 
 
 def _itinerary(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
@@ -270,27 +266,6 @@ def _itinerary(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
         x, y, _ = run.pose[tick, column]
         _, offset = way.project(float(x), float(y), float(run.station[tick, column]))
         if abs(offset) > OFFSET_LIMIT:
-            time = _clock(run, tick)
+            time = run.start + tick * run.dt
             yield Finding("itinerary", time, f"{agent.name} is {abs(offset):.1f} m off its itinerary at {time:.2f} s")
             return
-
-
-def _colours(run: Run) -> Iterator[Finding]:
-    """Check that a light goes from green to yellow to red to green."""
-    for entrance in range(run.lights.shape[1]):
-        series = run.lights[:, entrance]
-        for tick in np.flatnonzero(np.diff(series)) + 1:
-            before, after = Colour(int(series[tick - 1])), Colour(int(series[tick]))
-            if _ORDER.get(before) is not after:
-                time = _clock(run, int(tick))
-                yield Finding(
-                    "colour",
-                    time,
-                    f"light {entrance} turns from {before.name.lower()} to {after.name.lower()} at {time:.2f} s, out of order",
-                )
-                break
-
-
-def _clock(run: Run, tick: int) -> float:
-    """Return the time of a tick on the clock of the recording [s]."""
-    return run.start + tick * run.dt

@@ -31,8 +31,8 @@ from pytest_rvads.logic.conduct.rights import (
     waives,
     yields,
 )
-from pytest_rvads.logic.conduct.standing import entered, facing, lasting, latched, stands
-from pytest_rvads.logic.conduct.stretches import Places, ahead_by, neighbours, passed, places, roads, shared
+from pytest_rvads.logic.conduct.standing import entered, facing, lasting, latched, lines, stands
+from pytest_rvads.logic.conduct.stretches import ahead_by, neighbours, passed, places, roads, shared
 
 AT_LINE = 5.0
 """Distance to the stopping line below which a vehicle is at its line and may wait for its turn [m]."""
@@ -41,11 +41,6 @@ QUEUE_GAP = 15.0
 a car."""
 SPARE = 1.0
 """Room, in addition to its length, that a vehicle must have on its exit road when it enters the junction [m]."""
-
-
-def lines(cast: Cast) -> NDArray[np.float64]:
-    """Return the stations of the stopping lines of all vehicles, shape ``(agents,)`` [m]."""
-    return np.array([-cast.junction.setbacks[agent.entrance] for agent in cast.agents], dtype=np.float64)
 
 
 def partners(cast: Cast) -> Pairs:
@@ -60,8 +55,7 @@ def partners(cast: Cast) -> Pairs:
     return pairs(cast, belong)
 
 
-def _places(cast: Cast) -> Places:
-    return places(shared(cast, agent, other) for agent, other in cast.static(partners).column)
+_places = places(partners, shared)
 
 
 def _first_turns(cast: Cast) -> NDArray[np.float64]:
@@ -81,22 +75,6 @@ def _first_turn(junction: Junction, way: Key, entrance: int) -> float:
     return min((junction.stretches[way, key].yours.start for key in turns), default=math.inf)
 
 
-class _Columns(NamedTuple):
-    """The columns of the pairs `owing` and of the pairs `partners` that are about the same two vehicles."""
-
-    owed: NDArray[np.int64]
-    """Two rows: columns of pairs in `owing`, and the columns of the same pairs in `partners`."""
-    given: NDArray[np.int64]
-    """Two rows: columns of pairs in `owing`, and the columns of the reversed pairs in `partners`."""
-
-
-def _columns(cast: Cast) -> _Columns:
-    column, debts = cast.static(partners).column, cast.static(owing).column.items()
-    owed = [(number, column[pair]) for pair, number in debts if pair in column]
-    given = [(number, column[other, agent]) for (agent, other), number in debts if (other, agent) in column]
-    return _Columns(*(np.array(moves, dtype=np.int64).reshape(-1, 2).T for moves in (owed, given)))
-
-
 class _Debts(NamedTuple):
     """Which vehicle of each pair of `partners` has to give way to the other vehicle, arrays of shape ``(n, pairs)``."""
 
@@ -112,8 +90,9 @@ def _debts(block: Block) -> _Debts:
     debts = _Debts(np.zeros(shape, dtype=np.bool_), np.zeros(shape, dtype=np.bool_))
     if len(block.cast.static(owing)):
         owes = yields(block)
-        for truths, (source, target) in zip(debts, block.cast.static(_columns), strict=True):
-            truths[:, target] = owes[:, source]
+        for truths, turned in ((debts.owed, False), (debts.given, True)):
+            columns = block.cast.columns(owing, partners, turned=turned)
+            truths[:, columns[columns >= 0]] = owes[:, columns >= 0]
     return debts
 
 
@@ -162,13 +141,6 @@ def lets_walk(block: Block) -> NDArray[np.bool_]:
     return reasons
 
 
-def _on_foot(cast: Cast) -> tuple[NDArray[np.bool_], NDArray[np.int64], NDArray[np.int64]]:
-    """Return which `partners` hold a pedestrian or parked vehicle, and the columns of `walkers`, also those in `partners`."""
-    both, moves = cast.static(partners), cast.static(walkers).column.items()
-    source, target = np.array([(number, both.column[pair]) for pair, number in moves], dtype=np.int64).reshape(-1, 2).T
-    return both.first(cast.aside) | both.second(cast.aside), source, target
-
-
 @signal(pairs=partners, steady=True)
 def lets_pass(block: Block) -> NDArray[np.bool_]:
     """Return whether the first vehicle of each pair has a reason to let the second vehicle pass."""
@@ -193,9 +165,8 @@ def lets_pass(block: Block) -> NDArray[np.bool_]:
     reasons |= ahead & debts.owed & (comes | both.second(first_at_line(block)))
     reasons &= before | both.first(within) | apart
     if cast.aside.any():
-        on_foot, source, target = cast.static(_on_foot)
-        reasons[:, on_foot] = False
-        reasons[:, target] = lets_walk(block)[:, source]
+        reasons[:, both.first(cast.aside) | both.second(cast.aside)] = False
+        reasons[:, cast.columns(walkers, partners)] = lets_walk(block)
     return reasons
 
 
@@ -267,7 +238,10 @@ def circles(block: Block) -> Circles:
     yielding[:, both.agents, both.others] = giving
     waits = reach | yielding
     reach = _closure(waits)
-    courtesies = yielding & cast.static(_courtesies) & reach & reach.swapaxes(1, 2)
+    apart = np.zeros(shape[1:], dtype=np.bool_)
+    if cast.junction.control is JunctionControl.STOP:
+        apart[both.agents, both.others] = np.isnan(cast.static(_places).begin)
+    courtesies = yielding & apart & reach & reach.swapaxes(1, 2)
     if courtesies.any():
         yielding &= ~courtesies
         reach = _closure(waits & ~courtesies)
@@ -283,14 +257,6 @@ def _closure(waits: NDArray[np.bool_]) -> NDArray[np.bool_]:
     for via in np.flatnonzero(reach.any(axis=(0, 1)) & reach.any(axis=(0, 2))).tolist():
         reach |= reach[:, :, via, None] & reach[:, via, None, :]
     return reach
-
-
-def _courtesies(cast: Cast) -> NDArray[np.bool_]:
-    """Return the pairs of vehicles at an all-way stop whose ways do not meet, shape ``(agents, agents)``."""
-    both, apart = cast.static(partners), np.zeros((len(cast), len(cast)), dtype=np.bool_)
-    if cast.junction.control is JunctionControl.STOP:
-        apart[both.agents, both.others] = np.isnan(cast.static(_places).begin)
-    return apart
 
 
 @signal(pairs=walkers, start=(0, False), needs=sized)

@@ -91,16 +91,12 @@ def crossings(run: Run) -> Crossings:
     """Return when vehicles came to zones and lights changed in a run, computed once per run."""
     # The run caches the events and not the `Crossings`: a `Crossings` holds the run, and a run that also holds the `Crossings`
     # would stay in memory until the next garbage collection.
-    return Crossings(run, _moments(run), *once(run, _events))
+    return Crossings(run, *once(run, _events))
 
 
-def _moments(run: Run) -> int:
-    return round(run.dt / DT) if run.dt > FINE else 1
-
-
-def _events(run: Run) -> tuple[tuple[tuple[Event, ...], ...], tuple[tuple[Event, ...], ...]]:
-    """Return the events of every vehicle (coming to a zone), and the events of every light (changing)."""
-    agents, lights, moments = [], [], _moments(run)
+def _events(run: Run) -> tuple[int, tuple[tuple[Event, ...], ...], tuple[tuple[Event, ...], ...]]:
+    """Return the moments per step, the events of every vehicle (coming to a zone), and the events of every light (changing)."""
+    agents, lights, moments = [], [], round(run.dt / DT) if run.dt > FINE else 1
     for agent, who in enumerate(run.agents):
         begin, end = (int(tick) for tick in run.spans[agent])
         zones, events = run.zone[begin:end, agent], []
@@ -123,4 +119,4 @@ def _events(run: Run) -> tuple[tuple[tuple[Event, ...], ...], tuple[tuple[Event,
         ticks = (np.flatnonzero(np.diff(colours)) + 1).tolist()
         changes = ((int(colours[t]), (t - 1) * moments + 1, t * moments) for t in ticks)
         lights.append(tuple(Event(None, colour, early, late, late, light) for colour, early, late in changes))
-    return tuple(agents), tuple(lights)
+    return moments, tuple(agents), tuple(lights)

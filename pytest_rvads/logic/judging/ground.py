@@ -17,6 +17,7 @@ from pytest_rvads.logic.judging.judgement import Binding
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.boolean import Budget, conj, disj, plain, rebuild
 from pytest_rvads.logic.rules.lexicon import HERE, word_of
+from pytest_rvads.logic.rules.parts import outermost
 from pytest_rvads.logic.rules.vocabulary import Sort
 
 LIMIT = 100_000
@@ -170,20 +171,13 @@ def _ground(
         values = dict(bound) if static.together is not None else {variable.name: element}
         reduced = _reduce(body, values, static, budget, decide=True, itinerary=itinerary)
         if isinstance(reduced, f.Const) and isinstance(body, f.Forall):
-            count = _count(body, static)
+            count = prod(len(domain(v.sort, static)) for v in outermost(body))  # the number of instances
             if reduced.value or not count:
                 collapsed += count
                 continue
             reduced = body  # false for every choice of the further variables: each choice is an instance of its own
         collapsed += _ground(reduced, static, itinerary, bound, instances, budget)
     return collapsed
-
-
-def _count(formula: f.Formula, static: Static) -> int:
-    """Return the number of instances: the choices of elements for the outermost universal variables of a formula."""
-    if not isinstance(formula, f.Forall):
-        return 1
-    return prod(len(domain(v.sort, static)) for v in formula.variables) * _count(formula.body, static)
 
 
 def _reduce(

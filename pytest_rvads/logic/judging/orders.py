@@ -220,10 +220,8 @@ def _hinge(events: Sequence[Event], moments: _Moments, crossings: Crossings, tie
     else:
         first = second = max(events, key=lambda e: (moments[id(e)] != e.told, not e.exact))
         window, width = 0, first.late - first.early
-    what = tuple(dict.fromkeys((_happening(first, crossings), _happening(second, crossings))))
-    return Hinge(what, math.inf if width >= -LONG_AGO else width / 2 * crossings.length, window * crossings.length)
-
-
-def _happening(event: Event, crossings: Crossings) -> Happening:
-    ended = event.agent is not None and event.told >= crossings.spans[event.agent][1]
-    return Happening(event.agent, event.light, event.code, None if ended else event.told * crossings.length)
+    what: dict[Happening, None] = {}
+    for event in (first, second):
+        ended = event.agent is not None and event.told >= crossings.spans[event.agent][1]
+        what[Happening(event.agent, event.light, event.code, None if ended else event.told * crossings.length)] = None
+    return Hinge(tuple(what), math.inf if width >= -LONG_AGO else width / 2 * crossings.length, window * crossings.length)

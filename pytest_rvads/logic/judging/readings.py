@@ -15,7 +15,7 @@ recording says. The same errors are tried for all rules, so that rules share run
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from math import ceil, log2
 
@@ -76,7 +76,13 @@ def doubted(recorded: Sequence[Judgement], values: Values, sampled: Run, *, stan
     for ask in Measured:
         asked = {k: j for k, j in (in_colour if ask is Measured.COLOURS else measured).items() if ask in _asks(j.template)}
         for reading in once(run, _MAKERS[ask]) if asked else ():
-            undoubted = {k: j for k, j in asked.items() if result[k] is j and _near(run, j)}
+            undoubted = {}
+            for k, j in asked.items():
+                agents = [e.index for e in agents_of(j.template.formula)]
+                # Changed measurements can't change the status of vehicles that are far apart.
+                apart = len(agents) > 1 and run.pose is not None and not once(run, _nearby)[agents[0], agents[1]]
+                if result[k] is j and not apart:
+                    undoubted[k] = j
             reread_values = Values(reading.run, values.tie, standing=standing)
             reread = judge(tuple(j.template for j in undoubted.values()), reread_values) if undoubted else []
             for (k, j), judgement in zip(undoubted.items(), reread, strict=True):
@@ -156,14 +162,6 @@ def _asks(template: Template) -> frozenset[Measured]:
     return frozenset(asks)
 
 
-def _near(run: Run, j: Judgement) -> bool:
-    """Return whether the vehicles of an instance come so near to each other that changed measurements can change its status."""
-    agents = [e.index for e in agents_of(j.template.formula)]
-    if len(agents) < 2 or run.pose is None:
-        return True
-    return bool(once(run, _nearby)[agents[0], agents[1]])
-
-
 NEARBY = 30.0
 """Largest distance between the fronts of two vehicles at which the vehicles can affect each other [m].
 
@@ -230,25 +228,21 @@ def _of_the_past(run: Run) -> tuple[Reading, ...]:
     return tuple(Reading(Measured.BEFORE, 0.0, replace(run, speed=speed)) for speed in (stopping, rolling) if late)
 
 
-def _all_moved(run: Run, asks: Measured, patterns: Iterable[NDArray[np.float64]]) -> tuple[Reading, ...]:
-    """Return a changed run per pattern of signs: 1 moves an agent ahead of its measured station, -1 moves the agent back."""
-    if run.spread is None or run.station is None:
-        return ()
-    within = float(np.nanmax(run.spread, initial=0.0))
-    return tuple(Reading(asks, within, _moved(run, signs)) for signs in patterns) if within > 0.0 else ()
+def _all_moved(run: Run, asks: Measured) -> tuple[Reading, ...]:
+    """Return runs in which every agent is moved ahead of its measured station, or back.
 
-
-def _patterns(run: Run) -> Iterator[NDArray[np.float64]]:
-    """Yield patterns of signs, one sign per agent: 1 moves an agent ahead of its measured station, -1 moves the agent back.
-
-    All agents of an entrance have the same sign. For any two entrances, at least one of the patterns puts the agents of the first
-    entrance ahead and the agents of the second entrance behind.
+    For `Measured.ALONE` all agents move the same way. For `Measured.ALONG` the agents of an entrance move the same way, and for
+    any two entrances, in at least one of the runs the agents of the first are ahead and the agents of the second are behind.
     """
-    entrances = np.array([agent.entrance for agent in run.agents])
-    for bit in range(max(ceil(log2(max(len(run.junction.starts), 2))), 1)):
-        signs = np.where(entrances >> bit & 1, 1.0, -1.0)
-        yield signs
-        yield -signs
+    within = 0.0 if run.spread is None or run.station is None else float(np.nanmax(run.spread, initial=0.0))
+    if within <= 0.0:
+        return ()
+    signs = [np.ones(len(run.agents))]
+    if asks is Measured.ALONG:
+        entrances = np.array([agent.entrance for agent in run.agents])
+        bits = range(ceil(log2(max(len(run.junction.starts), 2))))
+        signs = [np.where(entrances >> bit & 1, 1.0, -1.0) for bit in bits]
+    return tuple(Reading(asks, within, _moved(run, to * ahead)) for ahead in signs for to in (1.0, -1.0))
 
 
 def _moved(run: Run, signs: NDArray[np.float64]) -> Run:
@@ -279,8 +273,8 @@ _MAKERS: dict[Measured, Callable[[Run], tuple[Reading, ...]]] = {
     Measured.SIZES: _of_sizes,
     Measured.SIDES: _of_sides,
     Measured.PACE: _of_pace,
-    Measured.ALONG: lambda run: _all_moved(run, Measured.ALONG, _patterns(run)),
-    Measured.ALONE: lambda run: _all_moved(run, Measured.ALONE, (np.full(len(run.agents), sign) for sign in (1.0, -1.0))),
+    Measured.ALONG: lambda run: _all_moved(run, Measured.ALONG),
+    Measured.ALONE: lambda run: _all_moved(run, Measured.ALONE),
     Measured.BEFORE: _of_the_past,
     Measured.COLOURS: lambda run: tuple(Reading(Measured.COLOURS, 0.0, possible) for possible in once(run, colourings)),
 }

@@ -93,9 +93,7 @@ def _forfeited(j: Judgement, run: Run) -> bool:
 
 def waits(j: Judgement, subject: str) -> bool:
     """Return whether an instance of a rule makes `subject` wait for another vehicle at the end of the run."""
-    waiting = _waiting(j)
-    awaited = agents_of(j.template.shape.goes) if j.template.shape.goes is not None else ()
-    return j.status is Status.OPEN and any(e.name == subject for e in waiting) and any(e not in waiting for e in awaited)
+    return j.status is Status.OPEN and any(e.name == subject for e in _waiting(j)) and bool(_awaited(j))
 
 
 def cause_between(j: Judgement, run: Run) -> Cause | None:

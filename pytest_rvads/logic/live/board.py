@@ -87,8 +87,11 @@ class Board:
                 facts, (count, columns) = self._signals[signal], self._columns.get(signal, (-1, []))
                 if count != len(facts):
                     cast = now.block.cast
-                    found = ((fact, signal.column(cast, list(map(_column, places)))) for fact, places in facts)
-                    columns = [(fact, column) for fact, column in found if column is not None]
+                    columns = []
+                    for fact, places in facts:
+                        column = signal.column(cast, [place.slot if isinstance(place, Mover) else place for place in places])
+                        if column is not None:
+                            columns.append((fact, column))
                     self._columns[signal] = len(facts), columns
                 for fact, column in columns:
                     fact.tell(row[column])
@@ -98,15 +101,20 @@ class Board:
     def fact(self, atom: f.Atom, movers: Sequence[Mover], tie: float) -> Fact:
         """Return the fact of an atom: its present truth value, which `read` keeps up to date; `tie` is in seconds."""
         terms: list[object] = []
+        in_columns: list[f.Term] = []  # the terms, with agents numbered by their columns in the present state
         agents: list[Mover] = []
         entrances: list[int] = []
         for term in atom.terms:
             element = term.of if isinstance(term, f.Attr) else term
             if isinstance(element, f.Element) and element.sort == Sort.AGENT:
-                agents.append(movers[element.index])
-                terms.append((agents[-1], term.name) if isinstance(term, f.Attr) else agents[-1])
+                mover = movers[element.index]
+                agents.append(mover)
+                moved_element = f.Element(element.sort, mover.slot, mover.agent.name)
+                terms.append((mover, term.name) if isinstance(term, f.Attr) else mover)
+                in_columns.append(f.Attr(moved_element, term.name) if isinstance(term, f.Attr) else moved_element)
             else:
                 terms.append(term)
+                in_columns.append(term)
                 entrances += [element.index] if isinstance(element, f.Element) else []
         key = (atom.word or atom.name, tuple(terms), tie if atom.name in OPERATORS else 0.0)
         fact = self._facts.get(key)
@@ -115,12 +123,12 @@ class Board:
             signal = signal_of(atom, len(now.junction.entrances), round(tie / now.dt))
             if signal is not None:
                 places: tuple[Mover | int, ...] = tuple(agents or entrances)
-                fact = Fact(bool(signal(now.block, *map(_column, places))[now.row]))
+                fact = Fact(bool(signal(now.block, *([mover.slot for mover in agents] or entrances))[now.row]))
                 self._columns.pop(signal, None)
                 self._block = None
                 self._keep(fact, self._signals.setdefault(signal, []), (fact, places))
             else:  # computed on a run of one state
-                moved = _in_columns(atom, movers)
+                moved = f.Atom(atom.name, tuple(in_columns), atom.at, atom.word)
                 if word is not None and word.follow is not None:
                     follow = word.follow(now.run, *word.arguments(moved))
                     fact = Fact(bool(follow(now.run)))
@@ -147,27 +155,6 @@ class Board:
                 self._ends.setdefault(mover, []).append(end)
         else:
             fact.homes.append(end)
-
-
-def _column(place: Mover | int) -> int:
-    return place if isinstance(place, int) else place.slot
-
-
-def _in_columns(atom: f.Atom, movers: Sequence[Mover]) -> f.Atom:
-    """Return an atom with its agents numbered by their columns in the present state."""
-
-    def move(term: f.Term) -> f.Term:
-        if isinstance(term, f.Attr) and isinstance(term.of, f.Element):
-            return f.Attr(element(term.of), term.name)
-        return element(term) if isinstance(term, f.Element) else term
-
-    def element(old: f.Element) -> f.Element:
-        if old.sort != Sort.AGENT:
-            return old
-        mover = movers[old.index]
-        return f.Element(old.sort, mover.slot, mover.agent.name)
-
-    return f.Atom(atom.name, tuple(map(move, atom.terms)), atom.at, atom.word)
 
 
 class Instances:

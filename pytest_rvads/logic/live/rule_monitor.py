@@ -96,7 +96,13 @@ class RuleMonitor:
             sizes = sizes_of(vehicle_size, len(self._agents))
             self._agents = tuple(replace(a, size=size) for a, size in zip(self._agents, sizes, strict=True))
         self._size = None if vehicle_size is None or agents is not None else sizes_of(vehicle_size, 1)[0]
-        self._now = Instant(junction, dt, Facts(speed_limit=speed_limit), _signals_of(self.rules))
+        atoms = dict.fromkeys(atom for rule in self.rules for atom in f.atoms(rule.formula))
+        words = [word for word in map(word_of, atoms) if word is not None]
+        attributes = [ATTRIBUTES[term.name].read for atom in atoms for term in atom.terms if isinstance(term, f.Attr)]
+        # A user's predicate can read all signals of `OF_RUNS` from its run.
+        offered = OF_RUNS if any(word.place != PACKAGE for word in words) else ()
+        signals = (*offered, *attributes, *(word.holds for word in words if isinstance(word.holds, Signal)))
+        self._now = Instant(junction, dt, Facts(speed_limit=speed_limit), dict.fromkeys(signals))
         self._board = Board(self._now)
         self._queue: list[Watch] = []
         self._readings: dict[tuple[int, tuple[int, ...]], tuple[Machine, Reading]] = {}
@@ -373,18 +379,6 @@ _SPARE = 4
 _NOWHERE = (math.nan,) * 6
 """Station, speed, pose and spread of an absent vehicle."""
 _WORST = (Truth.FALSE, Truth.UNKNOWN, Truth.TRUE)
-
-
-def _signals_of(rules: Sequence[Rule]) -> dict[Signal[Any], None]:
-    """Return the signals (quantities per state) that rules need.
-
-    If a rule has a user's predicate, all signals of `OF_RUNS` are included, because the predicate can read them from its run.
-    """
-    atoms = dict.fromkeys(atom for rule in rules for atom in f.atoms(rule.formula))
-    words = [word for word in map(word_of, atoms) if word is not None]
-    attributes = [ATTRIBUTES[term.name].read for atom in atoms for term in atom.terms if isinstance(term, f.Attr)]
-    offered = OF_RUNS if any(word.place != PACKAGE for word in words) else ()
-    return dict.fromkeys((*offered, *attributes, *(word.holds for word in words if isinstance(word.holds, Signal))))
 
 
 def _binding(template: Template, movers: Sequence[Mover]) -> dict[str, str]:

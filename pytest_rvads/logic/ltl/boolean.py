@@ -51,7 +51,14 @@ def substitute(formula: f.Formula, terms: Mapping[str, f.Term]) -> f.Formula:
     """Return a formula with its free variables replaced by terms; a quantified variable is renamed if a term has its name."""
     match formula:
         case f.Atom(name, arguments, at, word):
-            return f.Atom(name, tuple(_substitute(t, terms) for t in arguments), at, word)
+            inserted: list[f.Term] = []
+            for term in arguments:
+                if isinstance(term, f.Attr) and isinstance(term.of, f.Var):
+                    of = terms.get(term.of.name, term.of)
+                    inserted.append(f.Attr(of, term.name) if isinstance(of, f.Var | f.Element) else term)
+                else:
+                    inserted.append(terms.get(term.name, term) if isinstance(term, f.Var) else term)
+            return f.Atom(name, tuple(inserted), at, word)
         case f.Forall(variables, body) | f.Exists(variables, body):
             inner = {name: term for name, term in terms.items() if name not in {v.name for v in variables}}
             used_names = {str(t.of if isinstance(t, f.Attr) else t) for t in inner.values()}
@@ -67,15 +74,6 @@ def substitute(formula: f.Formula, terms: Mapping[str, f.Term]) -> f.Formula:
                 renamed.append(f.Binder(new, v.sort, v.implied))
             return type(formula)(tuple(renamed), substitute(body, {**inner, **fresh}))
     return rebuild(formula, tuple(substitute(c, terms) for c in f.children(formula)))
-
-
-def _substitute(term: f.Term, terms: Mapping[str, f.Term]) -> f.Term:
-    if isinstance(term, f.Var):
-        return terms.get(term.name, term)
-    if isinstance(term, f.Attr) and isinstance(term.of, f.Var):
-        of = terms.get(term.of.name, term.of)
-        return f.Attr(of, term.name) if isinstance(of, f.Var | f.Element) else term
-    return term
 
 
 @dataclass(slots=True)

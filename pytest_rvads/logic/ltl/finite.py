@@ -43,15 +43,10 @@ def settle(formula: f.Formula, values: Mapping[f.Atom, Truths], steps: int) -> T
 
 def _until(left: Truths, right: Truths) -> Truths:
     """Return in which states ``left U right`` is true: `right` comes to hold no later than `left` ceases to hold."""
-    steps = len(left)
-    return (_next(right) <= _next(~left)) & (_next(right) < steps)
-
-
-def _next(values: Truths) -> NDArray[np.int64]:
-    """Return, for every state, the first state from this state on in which `values` is true; the number of states if none is."""
-    steps = len(values)
-    next_states = np.where(values, np.arange(steps), steps)
-    return np.minimum.accumulate(next_states[::-1])[::-1]
+    tick = np.arange(len(left))
+    # For every state, the first state from this state on in which `right` holds, and in which `left` does not hold.
+    holds, ceases = (np.minimum.accumulate(np.where(values, tick, len(left))[::-1])[::-1] for values in (right, ~left))
+    return (holds <= ceases) & (holds < len(left))
 
 
 def settle_empty(formula: f.Formula) -> bool:

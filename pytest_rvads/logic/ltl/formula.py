@@ -296,11 +296,15 @@ def _show(formula: Formula, level: int) -> str:
     match formula:
         case Const(value):
             return "true" if value else "false"
+        case Atom("@", (thing, place)):
+            return f"{thing}@{place}"
+        case Atom(Infix() as name, (left_term, right_term)):
+            return f"{left_term} {name} {right_term}"
         case Atom(name, terms):
-            return _show_atom(name, terms)
-        case Not(Atom(Infix() as name, terms)):
+            return f"{name}({', '.join(map(str, terms))})" if terms else name
+        case Not(Atom(Infix()) as atom):
             # Without parentheses, ``!a = b`` would look like a comparison of the negated term ``!a``.
-            return f"!({_show_atom(name, terms)})"
+            return f"!({_show(atom, 0)})"
         case Not(body) | Next(body) | Always(body) | Eventually(body):
             inner = _show(body, 6)
             word = _UNARY[type(formula)]
@@ -320,11 +324,3 @@ def _show(formula: Formula, level: int) -> str:
         case _:
             raise TypeError(f"not a formula: {formula!r}")
     return f"({text})" if strength < level else text
-
-
-def _show_atom(name: str, terms: tuple[Term, ...]) -> str:
-    if name == "@":
-        return f"{terms[0]}@{terms[1]}"
-    if isinstance(name, Infix):
-        return f"{terms[0]} {name} {terms[1]}"
-    return f"{name}({', '.join(map(str, terms))})" if terms else name

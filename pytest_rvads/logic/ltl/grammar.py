@@ -41,13 +41,9 @@ class Language:
         """The letters that are allowed after the dot in names of variables such as ``x.part``."""
         return tuple(dict.fromkeys(letters.partition(".")[2] for letters in self.letters if "." in letters))
 
-    @cached_property
-    def _name(self) -> re.Pattern[str]:
-        return re.compile(rf"([A-Za-z_]+)\d*'*(?:\.({'|'.join(self.parts)})\d*'*)?")
-
     def sort_of(self, name: str) -> str | None:
         """Return the sort that the letters of a variable such as ``x'`` or ``x.part2`` imply, or None if they imply no sort."""
-        match = self._name.fullmatch(name)
+        match = re.fullmatch(rf"([A-Za-z_]+)\d*'*(?:\.({'|'.join(self.parts)})\d*'*)?", name)
         return self.letters.get(".".join(filter(None, match.groups()))) if match else None
 
 

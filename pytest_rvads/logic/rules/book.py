@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.logic.rules.current import Desk, desk, desks
+from pytest_rvads.logic.rules.current import desk, desks
 from pytest_rvads.logic.rules.lexicon import BUILT_IN
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.rules.rulebooks import PAPER, ROAD, VARIANTS
@@ -99,17 +99,12 @@ def current_book(book: RuleBook | None = None) -> RuleBook:
     Within a pytest session, the running test, its test file, or the session has the open book; outside, the process has it.
     """
     require(book, RuleBook | None, "book= takes a RuleBook, or nothing for the one that is open", FormulaError)
-    return _on(desk()) if book is None else book
-
-
-def _on(where: Desk) -> RuleBook:
-    book: RuleBook | None = where.book
-    return SHIPPED if book is None else book
+    return book or desk().book or SHIPPED
 
 
 def _register(change: Callable[[RuleBook], RuleBook]) -> None:
     """Change the book of every test, test file or session that a registration is for; no book, if any book refuses the change."""
-    changed = [(where, change(_on(where))) for where in desks()]
+    changed = [(where, change(where.book or SHIPPED)) for where in desks()]
     for where, book in changed:
         where.book = book
 
@@ -123,7 +118,7 @@ def claim(rule: Rule) -> None:
     """Reserve the name of a rule that judges a test, so that no other rule of the pytest session can have this name."""
     index = desk().index
     if index is not None and rule.name not in SHIPPED.rules:
-        index.book = _on(index).add(rule)
+        index.book = (index.book or SHIPPED).add(rule)
 
 
 def rule(  # noqa: PLR0913 - all properties of a rule, by keyword
@@ -247,9 +242,9 @@ def get_rule(rule: str | Rule, book: RuleBook | None = None) -> Rule:
         return book[rule]
     except FormulaError as error:
         index = desk().index
-        if index is None or book is not current_book() or rule not in _on(index).rules:
+        if index is None or book is not current_book() or rule not in (index.book or SHIPPED).rules:
             raise
-        place = _on(index)[rule].place
+        place = (index.book or SHIPPED)[rule].place
         remedy = "move it to a conftest, or into a module that is no test file"
         raise FormulaError(f"{error}; {place} registers it for that file or test alone: {remedy}") from None
 

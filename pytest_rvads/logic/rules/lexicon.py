@@ -73,15 +73,6 @@ def _take(agent: f.Term, entrance: f.Term, direction: f.Term, itinerary: bool) -
     return f.And((at_entrance, turns, f.Until(at_entrance, f.Atom("@", (agent, HERE)))))
 
 
-def _conflict(static: Static, agent: f.Element, other: f.Element) -> bool | None:
-    first, second = static.agents[agent.index], static.agents[other.index]
-    return None if static.conflicts is None else (first.way.key, second.way.key) in static.conflicts
-
-
-def _yields(ground: Ground, static: Static, agent: f.Element, other: f.Element) -> bool | None:
-    return None if static.grounds is None else (agent.index, other.index, ground) in static.grounds
-
-
 def _may_owe(static: Static, agent: f.Element, other: f.Element) -> bool | None:
     return None if static.owing is None or (agent.index, other.index) in static.owing else False
 
@@ -134,7 +125,9 @@ BUILT_IN = Vocabulary.of(
         _no_geometry,
         "{0} and {1} are on conflicting movements",
         "{0} and {1} are not on conflicting movements",
-        decide=_conflict,
+        decide=lambda s, one, two: (
+            None if s.conflicts is None else (s.agents[one.index].way.key, s.agents[two.index].way.key) in s.conflicts
+        ),
         static="agent",
         any_way=True,
     ),
@@ -195,7 +188,7 @@ BUILT_IN = Vocabulary.of(
             _no_geometry,
             says,
             denies,
-            decide=partial(_yields, ground),
+            decide=lambda s, one, two, ground=ground: None if s.grounds is None else (one.index, two.index, ground) in s.grounds,
             static="agent",
             apart=True,
         )

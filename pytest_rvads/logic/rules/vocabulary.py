@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum, StrEnum
+from operator import attrgetter
 from typing import Any, TypeVar
 
 import numpy as np
@@ -177,22 +178,16 @@ class Word:
                 ) from error
 
     def __eq__(self, other: object) -> bool:
-        return self is other or (
-            isinstance(other, Word) and self._properties() == other._properties() and same(self._functions(), other._functions())
-        )
+        if self is other or not isinstance(other, Word):
+            return self is other
+        alike = _WORDING(self) == _WORDING(other) and _TRAITS(self) == _TRAITS(other)
+        return alike and same(_FUNCTIONS(self), _FUNCTIONS(other))
 
     def __hash__(self) -> int:
         return hash(self.name)
 
     def __repr__(self) -> str:
         return f"<Word {self.name}>"
-
-    def _properties(self) -> tuple[object, ...]:
-        wording = self.name, self.sorts, self.says, self.denies, self.static, self.apart, self.symmetric
-        return *wording, self.turns_on, self.from_zones, self.present, self.debt, self.bends, self.any_way
-
-    def _functions(self) -> tuple[object, ...]:
-        return self.holds, self.follow, self.decide, self.means, self.cause, self.pending, self.beyond
 
     def on(self, run: Run, *arguments: int | f.Element) -> NDArray[np.bool_]:
         """Return the truth values of the predicate on a run, shape ``(steps,)``.
@@ -214,6 +209,11 @@ class Word:
         """Return the arguments of an atom without variables in the form that `holds` takes."""
         pairs = zip(atom.terms, self.sorts, strict=True)
         return tuple(t if " " in sorts else t.index for t, sorts in pairs if isinstance(t, f.Element))
+
+
+_WORDING = attrgetter("name", "sorts", "says", "denies", "static", "apart", "symmetric")
+_TRAITS = attrgetter("turns_on", "from_zones", "present", "debt", "bends", "any_way")
+_FUNCTIONS = attrgetter("holds", "follow", "decide", "means", "cause", "pending", "beyond")
 
 
 @dataclass(frozen=True, slots=True)

@@ -54,7 +54,19 @@ def tell(story: Story) -> Verdict:
         time = None if tick is None else round(run.start + tick * run.dt, 9)
     elif doubt is not None:
         time = since(run, doubt)
-    instances = tuple(_instance(j, run) for j in ordered)
+    instances = tuple(
+        InstanceVerdict(
+            bound_names(j.template),
+            j.status,
+            tuple(e.name for e in responsible(j, run)),
+            j.trigger,
+            j.failed,
+            tuple(literal(a, v) for a, v in j.broken),
+            j.margin,
+            hangs(run, j),
+        )
+        for j in ordered
+    )
     violated = [i for i in instances if i.status is story.status and i.status in (Status.FAIL, Status.OPEN)]
     return Verdict(
         rule.name,
@@ -100,19 +112,6 @@ def _cyclic(cycle: Cycle) -> str:
     if cycle.alone:
         return f"{len(cycle.agents)} vehicles arrived together and each must wait for the vehicle on its right"
     return f"{len(cycle.agents)} vehicles must each wait for another of the {len(cycle.agents)}"
-
-
-def _instance(j: Judgement, run: Run) -> InstanceVerdict:
-    return InstanceVerdict(
-        bound_names(j.template),
-        j.status,
-        tuple(e.name for e in responsible(j, run)),
-        j.trigger,
-        j.failed,
-        tuple(literal(a, v) for a, v in j.broken),
-        j.margin,
-        hangs(run, j),
-    )
 
 
 def _message(story: Story, worst: Judgement | None) -> str:

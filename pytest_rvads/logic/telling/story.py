@@ -130,7 +130,8 @@ def happened(j: Judgement, name: Naming = element_name) -> str:
 
 def block(story: Story, worst: Judgement | None, miss: NearMiss | None) -> list[str]:
     """Return the lines of the explanation of a verdict; `worst` is the violated, open or UNSURE instance to explain."""
-    rule, run = story.rule, story.run
+    rule, run, total = story.rule, story.run, sum(story.counts.values())
+    counted = f"{total} instance{'s' if total != 1 else ''}: {', '.join(f'{n} {word}' for word, n in story.counts.items())}"
     lines = [f"rule      {rule.name}  {one_line(rule.title) + ':  ' if rule.title else ''}{rule.text}"]
     if rule.requirement:
         lines.append(f"traces to {one_line(rule.requirement)}")
@@ -138,23 +139,18 @@ def block(story: Story, worst: Judgement | None, miss: NearMiss | None) -> list[
         if story.reason:
             lines.append(f"{story.status.lower():<9} {story.reason}")
         if story.counts:
-            lines.append(f"instances {_count(story)}")
+            lines.append(f"instances {counted}")
         if miss:
             who = ", ".join(f"{k}={v}" for k, v in miss.binding)
             lines.append(f"nearest   at {clock(run, miss.tick)} s for {who}; false: {', '.join(miss.missing)}")
         return lines + [f"note      {note}" for note in story.notes]
     who = ", ".join(f"{k}={v}" for k, v in bound_names(worst.template))
-    lines.append(f"instance  {who}   ({_count(story)})")
+    lines.append(f"instance  {who}   ({counted})")
     if worst.hinge is not None:
         return [*lines, f"unsure    {hangs(run, worst)}", *(f"note      {note}" for note in story.notes)]
     lines += _roles(story, worst)
     lines += _table(run, worst, story.values)
     return lines + [f"note      {note}" for note in story.notes]
-
-
-def _count(story: Story) -> str:
-    total = sum(story.counts.values())
-    return f"{total} instance{'s' if total != 1 else ''}: " + ", ".join(f"{n} {word}" for word, n in story.counts.items())
 
 
 def _roles(story: Story, j: Judgement) -> list[str]:
