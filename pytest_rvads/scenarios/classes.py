@@ -115,7 +115,7 @@ def covering(
     """
     required = frozenset(pairs_at(place, conflicting=conflicting))
     slots = _placed(place, orbits, seat)
-    moves = [[_movement(place, first, letter) for letter in letters] for first, letters in slots]
+    moves = [[key for _, key in slot] for slot in slots]
     missing: dict[tuple[_Choice, _Choice], None] = {}
     for i, j in combinations(range(len(moves)), 2):
         for (rank, key), (later_rank, later_key) in product(enumerate(moves[i]), enumerate(moves[j])):
@@ -134,38 +134,38 @@ def covering(
         row = _row(list(map(len, moves)), missing)
         for pair in combinations_with_replacement(enumerate(row), 2):
             missing.pop(pair, None)
-        chosen = [letters[rank] for (_, letters), rank in zip(slots, row, strict=True)]
-        rows.append(tuple(direction for letter in chosen for direction in letter))
+        chosen = (slot[rank] for slot, rank in zip(slots, row, strict=True))
+        rows.append(tuple(direction for letter, _ in chosen for direction in letter))
     return tuple(rows)
 
 
-def _placed(place: Junction, orbits: Orbits, seat: int | None) -> list[tuple[int, Sequence[Directions]]]:
-    """Return, per slot (arm or lane), its first entrance and the possible directions at its entrances.
+def _placed(place: Junction, orbits: Orbits, seat: int | None) -> list[list[tuple[Directions, Key | None]]]:
+    """Return, per slot (arm or lane), the possible directions at its entrances, with the movement of the only vehicle, if any.
 
     Movements on which no car can keep its lane are left out. If `seat` is an entrance, all directions in its slot place a vehicle
     at this entrance.
     """
-    slots: list[tuple[int, Sequence[Directions]]] = []
+    slots = []
     first = 0
-    for every in orbits.slots:
-        # A slot without remaining movements has no vehicle.
-        letters = [c for c in every if _movement(place, first, c) not in place.tight] or [(0,) * len(every[0])]
-        lane = None if seat is None else seat - first
-        inside = lane is not None and 0 <= lane < len(letters[0])
-        with_vehicle = [letter for letter in letters if letter[lane or 0]] if inside else letters
-        if not with_vehicle:
+    for letters in orbits.slots:
+        lanes = len(letters[0])
+        slot: list[tuple[Directions, Key | None]] = []
+        for letter in letters:
+            key = next((place.leads(first + k, direction).key for k, direction in enumerate(letter) if direction), None)
+            if key not in place.tight:
+                slot.append((letter, key))
+        if not slot:  # a slot without remaining movements has no vehicle
+            slot = [((0,) * lanes, None)]
+        if seat is not None and first <= seat < first + lanes:
+            slot = [(letter, key) for letter, key in slot if letter[seat - first]]
+        if not slot:
             raise ScenarioError(
                 f"no movement on which a car can keep its lane leads from entrance {seat}, so no vehicle under test can stand "
                 "there: choose another one"
             )
-        slots.append((first, with_vehicle))
-        first += len(letters[0])
+        slots.append(slot)
+        first += lanes
     return slots
-
-
-def _movement(place: Junction, first: int, letter: Directions) -> Key | None:
-    """Return the movement of the only vehicle of a letter (the directions on an arm); None without a vehicle."""
-    return next((place.leads(first + k, direction).key for k, direction in enumerate(letter) if direction), None)
 
 
 def _row(sizes: Sequence[int], missing: Collection[tuple[_Choice, _Choice]]) -> list[int]:

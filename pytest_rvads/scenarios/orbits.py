@@ -182,20 +182,15 @@ class Orbits:
                 return Fraction(sum(letter[lane] > 0 for letter in letters), len(letters))
         raise ScenarioError(f"entrances are numbered from 0 to {self.size - 1}, got {entrance!r}")
 
-    @cached_property
-    def _ranks(self) -> tuple[dict[Directions, int], ...]:
-        return tuple({letter: rank for rank, letter in enumerate(letters)} for letters in self.slots)
-
     def _word(self, code: Directions) -> tuple[int, ...] | None:
         """Return a scenario as a word, a letter per block of slots; None if a direction is not possible in its slot."""
         word, first, each = [0] * self.blocks, 0, len(self.slots) // self.blocks
-        for number, ranks in enumerate(self._ranks):
-            last = first + len(self.slots[number][0])
-            rank = ranks.get(code[first:last])
-            if rank is None:
+        for number, letters in enumerate(self.slots):
+            letter = code[first : first + len(letters[0])]
+            if letter not in letters:
                 return None
-            word[number // each] = word[number // each] * len(ranks) + rank
-            first = last
+            word[number // each] = word[number // each] * len(letters) + letters.index(letter)
+            first += len(letter)
         return tuple(word)
 
 

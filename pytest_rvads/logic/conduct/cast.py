@@ -19,6 +19,7 @@ from pytest_rvads.geometry.control import JunctionControl, Sign
 from pytest_rvads.geometry.crosswalks import Crossing, Parking
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.precedence import Reason
+from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.geometry.ways import Key
 from pytest_rvads.runs.run import Facts, Run
 from pytest_rvads.runs.states import Agent, Kind
@@ -97,6 +98,8 @@ class Cast:
         """Whether each agent is on a crossing, the way of a pedestrian over a crosswalk."""
         self.aside = np.array([isinstance(agent.way, Crossing | Parking) for agent in self.agents], dtype=np.bool_)
         """Whether each agent is on a crossing or in a parking place, so that it takes no turns with vehicles."""
+        self.straight = np.array([agent.turn is Turn.STRAIGHT for agent in self.agents], dtype=np.bool_)
+        """Whether each agent goes straight on."""
         self._static: dict[object, Any] = {}
 
     def __len__(self) -> int:

@@ -84,10 +84,6 @@ def _window(dt: float) -> int:
     return max(round(WINDOW / dt), 1)
 
 
-def _hard(cast: Cast) -> NDArray[np.float64]:
-    return np.array([HARD_BRAKING if agent.turn is Turn.STRAIGHT else BEND_BRAKING for agent in cast.agents])
-
-
 class _Past(NamedTuple):
     """The speeds of vehicles, and how long they have been present, up to every state."""
 
@@ -116,7 +112,8 @@ def brakes_hard(block: Block) -> NDArray[np.bool_]:
     steps = np.minimum(present - 1, most)
     row = np.arange(most, most + len(speed))[:, None] - np.maximum(steps, 0)
     slower = np.take_along_axis(speeds, row, axis=0) - speed
-    braking: NDArray[np.bool_] = (steps > 0) & (slower > block.cast.static(_hard) * steps * block.dt)
+    hard = np.where(block.cast.straight, HARD_BRAKING, BEND_BRAKING)
+    braking: NDArray[np.bool_] = (steps > 0) & (slower > hard * steps * block.dt)
     return braking
 
 

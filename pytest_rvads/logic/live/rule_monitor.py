@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -234,7 +233,7 @@ class RuleMonitor:
         """
         states, seen_states, self._states, self._seen = self._states, self._seen, [], []
         if self._agents is None or not states:
-            return self._judge_seen(seen_states) if seen_states else ()
+            return self._judge_seen(seen_states, self._instances) if seen_states and self._instances else ()
         now, first = self._now, self._now.tick < 0
         if first:
             for slot, agent in enumerate(self._agents):
@@ -252,9 +251,9 @@ class RuleMonitor:
             self._run_monitors()
         return ()
 
-    def _judge_seen(self, states: Sequence[tuple[dict[str, Seen], list[int]]]) -> tuple[Decided, ...]:
+    def _judge_seen(self, states: Sequence[tuple[dict[str, Seen], list[int]]], instances: Instances) -> tuple[Decided, ...]:
         """Judge the next states, all with the same vehicles, and return the final verdicts of the instances that they decide."""
-        now, seen, instances = self._now, states[0][0], self._instances
+        now, seen = self._now, states[0][0]
         old = tuple(self._present.values())
         new: list[Mover] = []
         for vehicle in [vehicle for name, vehicle in seen.items() if name not in self._present]:
@@ -272,14 +271,25 @@ class RuleMonitor:
         for number in range(len(states)):
             now.go_on()
             self._board.read()
-            if number == 0 and instances is not None:
-                for place, mover in enumerate(new):
-                    self._watch(instances.of(mover.agent.way.key), (mover,))
-                    for neighbour in (*old, *new[:place]):
-                        self._watch(instances.of(neighbour.agent.way.key, mover.agent.way.key), (neighbour, mover))
+            if number:
+                decided += self._run_monitors()
+                continue
+            for place, mover in enumerate(new):
+                self._watch(instances.of(mover.agent.way.key), (mover,))
+                for neighbour in (*old, *new[:place]):
+                    self._watch(instances.of(neighbour.agent.way.key, mover.agent.way.key), (neighbour, mover))
             decided += self._run_monitors()
-            if number == 0:
-                decided += self._leave(leaving)
+            # Some verdicts are final because vehicles have left.
+            for mover in leaving:
+                for watch in list(self._about[mover]):
+                    absent = [m for m in self._watches[watch] if m.zone == ABSENT]
+                    if len(absent) == len(self._watches[watch]) or not watch.can_fail(self._board.bodily(absent)):
+                        decided.append(self._end(watch, Truth.UNKNOWN))
+            for mover in [m for m, watches in self._about.items() if not watches and m.zone == ABSENT]:
+                del self._about[mover]
+                self._free.append(mover.slot)
+                self._board.drop(mover)
+                self._broken = {watch: movers for watch, movers in self._broken.items() if mover not in movers}
         return tuple(decided)
 
     def _columns(
@@ -353,21 +363,6 @@ class RuleMonitor:
             self._about.get(mover, {}).pop(watch, None)
         time = round(self._now.tick * self._now.dt, 9)
         return Decided(self.rules[watch.rule].name, _binding(watch.template, movers), verdict, time)
-
-    def _leave(self, leaving: Sequence[Mover]) -> tuple[Decided, ...]:
-        """Return the verdicts that are final because vehicles have left, and remove absent vehicles that no monitor needs."""
-        decided = []
-        for mover in leaving:
-            for watch in list(self._about[mover]):
-                absent = [m for m in self._watches[watch] if m.zone == ABSENT]
-                if len(absent) == len(self._watches[watch]) or not watch.can_fail(self._board.bodily(absent)):
-                    decided.append(self._end(watch, Truth.UNKNOWN))
-        for mover in [m for m, watches in self._about.items() if not watches and m.zone == ABSENT]:
-            del self._about[mover]
-            self._free.append(mover.slot)
-            self._board.drop(mover)
-            self._broken = {watch: movers for watch, movers in self._broken.items() if mover not in movers}
-        return tuple(decided)
 
     def _colours(self, lights: ArrayLike | None) -> list[int]:
         starts = len(self._junction.starts)

@@ -141,12 +141,8 @@ class Mistake(Exception):
         self.message = message
 
 
-def _binary(kind: Callable[[f.Formula, f.Formula], f.Formula]) -> Callable[..., f.Formula]:
-    return lambda _self, left, _sign, right: kind(left, right)
-
-
-def _unary(kind: Callable[[f.Formula], f.Formula]) -> Callable[..., f.Formula]:
-    return lambda _self, _sign, body: kind(body)
+def _operator(kind: Callable[..., f.Formula]) -> Callable[..., f.Formula]:
+    return lambda _self, *parts: kind(*(part for part in parts if isinstance(part, f.Formula)))
 
 
 @v_args(inline=True)
@@ -166,8 +162,8 @@ class Build(Transformer[Token, Any]):
                 raise Mistake(name.start_pos or 0, f"the parameters of {name!s} must be variables, got {term}")
         return (str(name), terms, body)
 
-    iff, implies, until, weak, release = map(_binary, (f.Iff, f.Implies, f.Until, f.WeakUntil, f.Release))
-    negation, next_, always, eventually = map(_unary, (f.Not, f.Next, f.Always, f.Eventually))
+    iff, implies, until, weak, release = map(_operator, (f.Iff, f.Implies, f.Until, f.WeakUntil, f.Release))
+    negation, next_, always, eventually = map(_operator, (f.Not, f.Next, f.Always, f.Eventually))
 
     def xor(self, left: f.Formula, _: Token, right: f.Formula) -> f.Formula:
         return f.Not(f.Iff(left, right))

@@ -177,7 +177,7 @@ def _roles(story: Story, j: Judgement) -> list[str]:
     waiting = agents_of(shape.waits)
     going = tuple(e for e in agents_of(shape.goes) if e not in waiting)
     for word, agents in (("yields" if shape.kind is Kind.YIELD else "must wait", waiting), ("priority", going)):
-        lines += [f"{word:<9} {_arrival(run, e, tick)}{_relation(run, e, waiting) if e in going else ''}" for e in agents]
+        lines += [f"{word:<9} {_arrival(run, e, tick, waiting)}" for e in agents]
     stay = say(shape.waits, be="stays")
     lines.append(f"obligation since {clock(run, j.trigger or 0)} s: {stay} until {say(shape.goes)}")
     verb = "broken at" if j.failed is not None else "open at  "
@@ -187,30 +187,27 @@ def _roles(story: Story, j: Judgement) -> list[str]:
     return lines
 
 
-def _arrival(run: Run, e: f.Element, tick: int) -> str:
-    """Return a line of text with the name, entrance, turn, arrival and waiting time of an agent up to `tick`."""
-    agent = run.agents[e.index]
+def _arrival(run: Run, e: f.Element, tick: int, waiting: tuple[f.Element, ...]) -> str:
+    """Return an agent's name, entrance, turn, arrival and wait up to `tick`, and where its entrance lies for who waits for it."""
+    entrance = run.agents[e.index].entrance
     ticks = np.flatnonzero(run.zone[: tick + 1, e.index] == Zone.ENTRANCE)
-    text = f"{e.name} @ entrance {agent.entrance}, {turns(run.junction, agent)}"
+    text = f"{e.name} @ entrance {entrance}, {turns(run.junction, run.agents[e.index])}"
     if len(ticks):
         last = int(ticks[-1])
         away = np.flatnonzero(run.zone[:last, e.index] != Zone.ENTRANCE)
         arrived = int(away[-1]) + 1 if len(away) else 0
         text += f"   arrived {clock(run, arrived)} s, waited {int(run.wt[last, e.index]) * run.dt:.2f} s"
-    return text
-
-
-def _relation(run: Run, e: f.Element, waiting: tuple[f.Element, ...]) -> str:
-    """Return in words where the entrance of an agent lies, as seen from the entrance of the vehicle that waits for the agent."""
-    if len(waiting) != 1:
-        return ""
-    entrance, waiting_entrance = run.agents[e.index].entrance, run.agents[waiting[0].index].entrance
+    if e in waiting or len(waiting) != 1:
+        return text
+    waiting_entrance = run.agents[waiting[0].index].entrance
     # Where traffic keeps left, the relation right-of means left-of.
     side = "left of" if run.junction.left_hand else "right of"
     for word, pairs in ((side, run.junction.right_of), ("opposite", run.junction.opposite)):
         if (entrance, waiting_entrance) in pairs:
-            return f"   entrance {entrance} is {word} {waiting_entrance}"
-    return f"   entrance {waiting_entrance} is {side} {entrance}" if (waiting_entrance, entrance) in run.junction.right_of else ""
+            return f"{text}   entrance {entrance} is {word} {waiting_entrance}"
+    if (waiting_entrance, entrance) in run.junction.right_of:
+        text += f"   entrance {waiting_entrance} is {side} {entrance}"
+    return text
 
 
 def _scene(run: Run, waiting: tuple[f.Element, ...], going: tuple[f.Element, ...], goes: f.Formula, tick: int) -> str:
