@@ -173,7 +173,7 @@ def _judged(rule: Rule, values: Values, book: RuleBook, sampled: Run, *, itinera
         return Story(rule, run, Status.NA, reason=_elsewhere(rule, run.junction))
 
     def prepared(run: Run) -> Prepared:
-        return prepare(rule.formula, extract(run), rule.bound, itinerary=itinerary)
+        return prepare(rule.formula, once(run, extract), rule.bound, itinerary=itinerary)
 
     def judged(sampled: Run, values: Values) -> list[Judgement]:
         templates = prepared(values.run).templates
@@ -257,12 +257,10 @@ class Attribution:
 def attribute(judgements: Sequence[Judgement], rule: Rule, values: Values, book: RuleBook) -> Attribution:
     """Return the status of a rule on a run, given the judgements of its instances.
 
-    On a run without a subject (vehicle under test), the status is the first of FAIL, OPEN, UNSURE and PASS that an instance of
-    the rule has. The status is NA if no instance was triggered. A violation that pedestrians alone are to blame for is provoked,
-    because pedestrians are never under test. On a run with a subject, violated or open instances that the
-    subject is to blame for decide before all other instances. A violation by other vehicles alone is provoked. The subject passes
-    only if an instance required an action of the subject. A run in which no vehicle moves does not pass, and a subject that never
-    moves does not pass. If an instance that binds the subject is UNSURE, the status is neither unavoidable nor provoked.
+    A violation that pedestrians alone are to blame for is provoked, because pedestrians are never under test. On a run with a
+    subject (vehicle under test), violated or open instances that the subject is to blame for decide before all other instances.
+    A run in which no vehicle moves does not pass, and a subject that never moves does not pass. If an instance that binds the
+    subject is UNSURE, the status is neither unavoidable nor provoked.
     """
     run, status = values.run, _overall(judgements)
     subject = run.subject
@@ -300,7 +298,7 @@ def attribute(judgements: Sequence[Judgement], rule: Rule, values: Values, book:
 
 def companions(rule: Rule, run: Run, book: RuleBook) -> tuple[Template, ...]:
     """Return the instances of the companions of `rule`, the rules whose obligations can contradict the obligations of `rule`."""
-    static = extract(run)
+    static = once(run, extract)
     rules = (book[name] for name in rule.companions)
     return tuple(t for companion in rules for t in prepare(companion.formula, static, companion.bound).templates)
 
@@ -321,7 +319,7 @@ def _excused(judgements: Sequence[Judgement], rule: Rule, values: Values, book: 
     with suppress(RunError):
         if any(held(run)[-1, column] for column, agent in enumerate(run.agents) if agent.name == subject):
             return True
-    static = extract(run)
+    static = once(run, extract)
     shelf = (rules_for(name, run.junction) for name in ("paper", "road"))
     rules = {*(book[name] for name in rule.companions), *(r for rules in shelf if rule in rules for r in rules)}
     judged = (judge(prepare(r.formula, static, r.bound).templates, Values(run, r.tie)) for r in rules)

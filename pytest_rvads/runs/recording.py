@@ -242,15 +242,10 @@ def zones(
 
 
 def stations(times: _Values, station: _Values, speed: _Values, at: _Values) -> _Values:
-    """Return the stations at times between samples [m], shape ``(steps,)``.
+    """Return the stations at times `at` between samples [m], shape ``(steps,)``.
 
     The interpolation is a cubic if the speeds agree with the distance driven, and a straight line if the speeds disagree.
-
-    Args:
-        times: times of the samples, shape ``(samples,)`` [s].
-        station: stations of the samples, shape ``(samples,)`` [m].
-        speed: speeds of the samples, shape ``(samples,)`` [m/s].
-        at: times between samples, shape ``(steps,)`` [s].
+    `times` [s], `station` [m] and `speed` [m/s] of the samples have the shape ``(samples,)``.
     """
     piece = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(times) - 2)
     duration = np.diff(times)[piece]
@@ -265,18 +260,12 @@ def stations(times: _Values, station: _Values, speed: _Values, at: _Values) -> _
 
 
 def speeds(times: _Values, station: _Values, speed: _Values, spread: _Values | None, at: _Values) -> _Values:
-    """Return the speeds of a vehicle at times between its samples [m/s], shape ``(steps,)``.
+    """Return the speeds of a vehicle at times `at` between its samples [m/s], shape ``(steps,)``; samples as in `stations`.
 
     The speed is interpolated in a straight line, except between two samples before which the vehicle brakes and after which the
     vehicle accelerates. Between two such samples the braking is continued and the acceleration is extended backwards, if this
-    agrees better with the distance driven, because a straight line would lose a short stop between two samples.
-
-    Args:
-        times: times of the samples, shape ``(samples,)`` [s].
-        station: stations of the samples, shape ``(samples,)`` [m].
-        speed: speeds of the samples, shape ``(samples,)`` [m/s].
-        spread: spread of the samples, shape ``(samples,)`` [m]; None for exact stations.
-        at: times between samples, shape ``(steps,)`` [s].
+    agrees better with the distance driven, because a straight line would lose a short stop between two samples. `spread` is None
+    for exact stations.
     """
     interpolated: _Values = np.interp(at, times, speed)
     if len(times) < _AROUND:
@@ -310,13 +299,7 @@ def unseen_stand(times: _Values, station: _Values, speed: _Values, at: _Values, 
     """Return the greatest error of the interpolated speeds if a vehicle stood between two samples before the line [m/s].
 
     The average speed of a vehicle that brakes to a standstill and sets off again is at most half of the higher of its two speeds.
-
-    Args:
-        times: times of the samples, shape ``(samples,)`` [s].
-        station: stations of the samples, shape ``(samples,)`` [m].
-        speed: speeds of the samples, shape ``(samples,)`` [m/s].
-        at: times between samples, shape ``(steps,)`` [s].
-        interpolated: interpolated speeds at these times, shape ``(steps,)`` [m/s].
+    `interpolated` has the speeds at times `at` between the samples, which are given as in `stations`.
     """
     duration, driven = np.diff(times), np.diff(station)
     higher = np.maximum(speed[:-1], speed[1:])

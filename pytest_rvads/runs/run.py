@@ -69,13 +69,9 @@ class Fault:
 
 
 class Halt(RunError):
-    """The exception that ends a run with a fault; raised and caught within a simulation.
+    """The exception that ends a run with a `Fault`; raised and caught within a simulation.
 
-    Args:
-        agent: name of the vehicle, see `Fault.agent`.
-        reason: one sentence, see `Fault.reason`.
-        detail: see `Fault.detail`.
-        end: what the run's provenance calls its end, `FAULT` or `LATE`.
+    The run's provenance calls its end `end`, which is `FAULT` or `LATE`.
     """
 
     def __init__(self, agent: str, reason: str, detail: str = "", end: str = FAULT) -> None:

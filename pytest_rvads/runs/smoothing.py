@@ -69,11 +69,7 @@ def roughness(times: _Values, values: _Values, stride: int = 1) -> float:
 
     The estimate is the scaled median of third differences, to which polynomials of second degree contribute nothing. The median
     is robust against the large differences at the begin and end of braking. Smooth driving at 10 Hz contributes a few
-    millimetres.
-
-    Args:
-        times: increasing times of the samples, shape ``(samples,)`` [s]; differences over gaps are left out.
-        values: measured values, shape ``(samples,)``.
+    millimetres. Differences over gaps between the increasing `times` of the samples [s] are left out.
     """
     steps = times[stride:] - times[:-stride]
     if len(values) < 8 * stride or not (steps > 0).all():
@@ -88,15 +84,11 @@ def roughness(times: _Values, values: _Values, stride: int = 1) -> float:
 
 
 def linkage(times: _Values, values: _Values) -> float:
-    """Return the factor by which `roughness` is too small for means over several samples; 1 for independent errors.
+    """Return the factor by which `roughness` is too small for means of several lateral offsets; 1 for independent errors.
 
     A tracker makes the errors of successive samples alike. Such errors look small in `roughness`, and hardly vanish in a mean.
     They are taken as autoregressive noise, whose correlation follows from the roughness over `LINKED` and over a single step.
     The motion of vehicles adds to the former, see `ALLOWED`.
-
-    Args:
-        times: increasing times of the samples, shape ``(samples,)`` [s].
-        values: lateral offsets, shape ``(samples,)`` [m].
     """
     stride = round(LINKED / float(np.median(np.diff(times)))) if len(times) > 1 else 0
     near = roughness(times, values)
@@ -112,11 +104,8 @@ def linkage(times: _Values, values: _Values) -> float:
 def beside(accuracy: float, apart: float) -> float:
     """Return the standard deviation of a smoothed position beside the way [m], or of a smoothed speed [m/s].
 
-    The value is the deviation of a fitted parabola in the middle of n samples, ``1.5 / sqrt(n)`` of the deviation of a sample.
-
-    Args:
-        accuracy: standard deviation of a coordinate [m] or speed [m/s] of a sample.
-        apart: time between samples [s].
+    The value is the deviation of a fitted parabola in the middle of n samples, ``1.5 / sqrt(n)`` of the deviation of a sample,
+    which is `accuracy`. The samples are `apart` [s].
     """
     if accuracy <= 0.0:
         return 0.0
@@ -129,11 +118,6 @@ def delay(times: _Values, station: _Values, speed: _Values, straight: NDArray[np
 
     Some simulators record the speed of the step before or after a position, and sensors filter speeds. The integral of delayed
     speeds differs from the stations in proportion to the speed. Estimates of several vehicles are averaged by their weights.
-
-    Args:
-        times: increasing times of the samples [s].
-        station: measured stations [m].
-        speed: measured speeds [m/s].
     """
     residual, weighted, weight = station - _driven(times, speed), 0.0, 0.0
     for begin, end in _parts(straight):
@@ -177,25 +161,20 @@ def smoothed(
     fit = _fitted(times, station - driven, accuracy, 1, reach, wander)
     if straight is not None:
         fit = _along_stretches(times, station - driven, accuracy, straight, fit, wander)
-    fast = speed if noise <= QUIET else _smoothed_speeds(times, station, accuracy, speed, noise)
-    return fit.value + driven, fast, SURE * fit.deviation + ALLOWED
-
-
-def _smoothed_speeds(times: _Values, station: _Values, accuracy: float, speed: _Values, noise: float) -> _Values:
-    """Return noisy speeds smoothed: exactly 0 where a stand is proven, and clear of `PACE` where a stop is excluded.
-
-    Where a stop is possible and not proven, the speed is above `PACE` by less than its accuracy.
-    """
+    spread = SURE * fit.deviation + ALLOWED
+    if noise <= QUIET:
+        return fit.value + driven, speed, spread
     smooth = np.abs(_fitted(times, speed, noise, 2, np.full(len(times), LONG)).value)
     edge = PACE + SURE * beside(noise, float(np.median(np.diff(times))))
     # The mean speed within half of `BRIEF` of every sample, and its standard deviation.
     begin, end = np.searchsorted(times, times - BRIEF / 2 - 1e-9), np.searchsorted(times, times + BRIEF / 2 + 1e-9)
     total = np.concatenate(([0.0], np.cumsum(np.abs(speed))))
     mean, error = (total[end] - total[begin]) / (end - begin), noise / np.sqrt(end - begin)
+    # Where a stop is possible and not proven, the speed is above `PACE` by less than its accuracy; elsewhere by more.
     possible = mean - AGREE * error <= np.maximum(PACE, AGREE * error)
     smooth = np.where(possible, (PACE + edge) / 2, np.maximum(smooth, edge + ALLOWED))
     smooth[possible & _proven(times, station, accuracy, speed, noise)] = 0.0
-    return smooth
+    return fit.value + driven, smooth, spread
 
 
 def _proven(times: _Values, station: _Values, accuracy: float, speed: _Values, noise: float) -> NDArray[np.bool_]:

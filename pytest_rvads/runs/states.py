@@ -176,13 +176,10 @@ class SignalPlan:
     """Per pedestrian light the number of its start (`Junction.starts`), its phase group, and the length of its crossing [m]."""
 
     def colours(self, time: float, entrances: int) -> tuple[Colour, ...]:
-        """Return the colour at each entrance at `time` [s]; NONE for an entrance in no group.
+        """Return the colour at each entrance at `time` since the run began [s]; NONE for an entrance in no group.
 
         A pedestrian light shows green (WALK) in the green of its group, yellow (flashing DON'T WALK) for the last part of that
         green, and red else. Yellow is as long as a crossing at `CLEARING` takes, and green is at least `WALK` long (MUTCD 4E.06).
-
-        Args:
-            time: time since the run began [s].
         """
         if not self.groups:
             return (_NONE,) * entrances

@@ -96,7 +96,14 @@ def from_id(id: str, map: str | os.PathLike[str] | None = None) -> Scenario:
             f"{id!r:.200}: {parts['code']!r} is for {len(code)} entrances, {place.name!r} has {len(place.entrances)}"
         )
     seat, followers = None if parts["seat"] is None else int(parts["seat"]), int(point["followers"] or 0)
-    start: dict[str, Any] = {"distance": _numbers(point["d"]), "speed": _numbers(point["v"])}
+    start: dict[str, Any] = {}
+    for name, text in (("distance", point["d"]), ("speed", point["v"])):
+        try:
+            start[name] = tuple(map(float, (text or "0").split("_")))
+        except ValueError:
+            raise ScenarioError(f"{text!r:.60} is no list of numbers, expected such as 20.00 or 20.00_00.30") from None
+        if len(start[name]) == 1:  # for all entrances
+            (start[name],) = start[name]
     if point["d"] is None:
         start = started(configuration(point["cfg"], len(code), place.control), place, rotation, seat, followers)
     scenario = Scenario(
@@ -114,15 +121,6 @@ def from_id(id: str, map: str | os.PathLike[str] | None = None) -> Scenario:
     if not f"{id}-".startswith(f"{scenario.name}-"):
         raise ScenarioError(f"{id!r:.200} is not the id of the scenario that it describes{suggest(id, [scenario.name])}")
     return scenario
-
-
-def _numbers(text: str | None) -> float | tuple[float, ...]:
-    """Return the values of a label: one value for all entrances, or one value per entrance."""
-    try:
-        values = tuple(map(float, (text or "0").split("_")))
-    except ValueError:
-        raise ScenarioError(f"{text!r:.60} is no list of numbers, expected such as 20.00 or 20.00_00.30") from None
-    return values[0] if len(values) == 1 else values
 
 
 def _walkers(text: str | None) -> tuple[Pedestrian, ...]:

@@ -17,7 +17,7 @@ from zlib import crc32
 from msgspec import structs
 
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.report.session_report import Extent, Move
+from pytest_rvads.report.session_report import Extent
 from pytest_rvads.scenarios.classes import PAIRED, covering, pairs_at
 from pytest_rvads.scenarios.configurations import Configuration
 from pytest_rvads.scenarios.forks import near
@@ -119,12 +119,7 @@ class Selection:
     def too_short(self) -> bool:
         """Whether an approach is shorter than a staggered configuration requires, so that a vehicle starts nearer to its line."""
         distances = [max(point.distances) for point in self.configurations if point.staggered]
-        return max(distances, default=0.0) > self._reach
-
-    @property
-    def _reach(self) -> float:
-        """Length of the shortest approach [m]."""
-        return min(map(self.place.approach, range(self.entrances)))
+        return max(distances, default=0.0) > min(map(self.place.approach, range(self.entrances)))
 
     @cached_property
     def orbits(self) -> Orbits:
@@ -199,7 +194,8 @@ class Selection:
     def roomy(self) -> bool:
         """Whether every vehicle certainly has room at its start, so that no scenario has to be checked."""
         longest = max(configuration.room for configuration in self.configurations)
-        return not any(self.followers) and longest <= self._reach and not near(self.place)
+        shortest = min(map(self.place.approach, range(self.entrances)))
+        return not any(self.followers) and longest <= shortest and not near(self.place)
 
     def fitting(self, unfit: Callable[[ScenarioError], object]) -> Iterator[Scenario]:
         """Yield the scenarios in which every vehicle has room at its start, and no pedestrian would have crossed before."""
@@ -291,14 +287,11 @@ def extended(extents: Mapping[str, Extent], selection: Selection) -> dict[str, E
     classes = before.classes | {occupancy: (full.count, full.scenarios, seated)}
     after = structs.replace(before, classes=classes, partial=before.partial | partial)
     if selection.cover in PAIRED or not place.one_lane_each:
-        conflicts = () if place.conflicts is None else _moves(place, conflicting=True)
-        after = structs.replace(after, pairs=_moves(place, conflicting=False), conflicts=conflicts)
+        lanes = [(entrance.arm, entrance.lane) for entrance in place.entrances]
+        ends = [(exit.arm, exit.lane) for exit in place.exits]
+        pairs, conflicts = (
+            tuple(((lanes[a], ends[b]), (lanes[c], ends[d])) for (a, b), (c, d) in found)
+            for found in (pairs_at(place), () if place.conflicts is None else pairs_at(place, conflicting=True))
+        )
+        after = structs.replace(after, pairs=pairs, conflicts=conflicts)
     return {**extents, place.name: after}
-
-
-def _moves(place: Junction, *, conflicting: bool) -> tuple[tuple[Move, Move], ...]:
-    def move(key: tuple[int, int]) -> Move:
-        entrance, exit = place.entrances[key[0]], place.exits[key[1]]
-        return (entrance.arm, entrance.lane), (exit.arm, exit.lane)
-
-    return tuple((move(first), move(second)) for first, second in pairs_at(place, conflicting=conflicting))

@@ -21,10 +21,8 @@ _Body = tuple[NDArray[np.float64], tuple[_Size, _Size]]
 
 def contacts(run: Run) -> tuple[Collision, ...]:
     """Return the first contact of every pair of vehicles that touch, as recorded or else computed from poses and sizes."""
-    return once(run, _contacts) if run.collisions is None else run.collisions
-
-
-def _contacts(run: Run) -> tuple[Collision, ...]:
+    if run.collisions is not None:
+        return run.collisions
     collisions = []
     for agent, other in combinations(range(len(run.agents)), 2):
         touching = np.flatnonzero(overlap(run, agent, other))

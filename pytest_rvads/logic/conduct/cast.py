@@ -32,11 +32,7 @@ _MINOR = (Sign.STOP, Sign.YIELD)
 
 
 class Pairs:
-    """Pairs of vehicles, given by their columns in a block of states, in increasing order.
-
-    Args:
-        ordered: whether (1, 2) and (2, 1) are two different pairs.
-    """
+    """Pairs of vehicles by their columns in a block, in increasing order; (1, 2) and (2, 1) are two pairs if `ordered`."""
 
     def __init__(self, pairs: Sequence[tuple[int, int]], *, ordered: bool = True) -> None:
         self.agents, self.others = np.array(pairs, dtype=np.int64).reshape(-1, 2).T

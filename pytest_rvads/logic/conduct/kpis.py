@@ -23,7 +23,7 @@ from pytest_rvads.logic.conduct.presence import judged
 from pytest_rvads.logic.conduct.standing import arrived, limits_of
 from pytest_rvads.logic.conduct.stretches import shared
 from pytest_rvads.runs.measured import APART, ArrivalDifferences, Kpis, PairKpis, VehicleKpis
-from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.run import Run, once
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.support.errors import RunError, require
 
@@ -146,7 +146,7 @@ def _braking(run: Run, column: int) -> tuple[float | None, float | None]:
     """Return a vehicle's hardest deceleration [m/s^2] and jerk [m/s^3] up to its first contact, averaged over `WINDOW`."""
     step, name = max(ticks(run, WINDOW), 1), run.agents[column].name
     try:
-        end = min((tick_of(run, contact) for contact in contacts(run) if name in contact.agents), default=run.steps)
+        end = min((tick_of(run, contact) for contact in once(run, contacts) if name in contact.agents), default=run.steps)
     except RunError:  # no positions or no sizes: contacts are unknown
         end = run.steps
     driven = run.need("speed")[:end, column][run.here[:end, column]]

@@ -166,11 +166,9 @@ def off_lane(block: Block) -> NDArray[np.bool_]:
 
 @signal
 def _beside(block: Block) -> tuple[NDArray[Any], ...]:
-    """Return the offsets of all present vehicles from their ways.
+    """Return the rows and columns of all present vehicles, and how far the middles of front and rear are from the way.
 
-    Returns:
-        Row and column of every present vehicle; the offsets of the middles of front and rear to the left of the way, shape
-        ``(2, places)`` [m]; and the distances of these middles from the way, shape ``(2, places)`` [m].
+    The third array has the offsets to the left, the fourth the distances, both of shape ``(2, places)`` [m].
     """
     ways, present = block.cast.static(_ways), np.flatnonzero(block.here)
     rows, columns = np.divmod(present, len(block.cast) or 1)

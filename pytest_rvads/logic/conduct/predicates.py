@@ -23,7 +23,7 @@ from pytest_rvads.logic.conduct.blocks import APPROACH, ENTRANCE, EXIT, JUNCTION
 from pytest_rvads.logic.conduct.cast import Ground, ground_of, in_turn, lit, may_owe
 from pytest_rvads.logic.conduct.lane import wrong_lanes
 from pytest_rvads.logic.conduct.presence import judged, together
-from pytest_rvads.runs.run import Run, once
+from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent
 
 
@@ -102,10 +102,6 @@ class Static:
 
 def extract(run: Run) -> Static:
     """Return the static model of a run: everything that stays the same during the run (Algorithm 1 of the paper)."""
-    return once(run, _extract)
-
-
-def _extract(run: Run) -> Static:
     junction, ways = run.junction, [agent.way.key for agent in run.agents]
     numbers = range(len(junction.entrances))
     grounds: frozenset[tuple[int, int, Ground]] | None = frozenset()

@@ -80,10 +80,6 @@ def unhindered(block: Block) -> NDArray[np.bool_]:
     return unimpeded & np.where(lit, facing(block) == GREEN, ~sign | (block.zone >= JUNCTION))
 
 
-def _window(dt: float) -> int:
-    return max(round(WINDOW / dt), 1)
-
-
 class _Past(NamedTuple):
     """The speeds of vehicles, and how long they have been present, up to every state."""
 
@@ -93,12 +89,12 @@ class _Past(NamedTuple):
     """For how many states each vehicle has been present, shape ``(n, agents)``."""
 
 
-@signal(start=lambda dt: (0, np.full(_window(dt), np.nan)))
+@signal(start=lambda dt: (0, np.full(max(round(WINDOW / dt), 1), np.nan)))
 def past(block: Block, count: NDArray[np.int64], before: NDArray[np.float64]) -> tuple[_Past, NDArray[Any], NDArray[Any]]:
     """Return the speeds of vehicles before every state, and how long the vehicles have been present, see `_Past`."""
     speed = block.need("speed")
     history = _Past(np.concatenate((before, speed)), lasting(~np.isnan(speed), count))
-    return history, history.present, history.speeds[None, -_window(block.dt) :]
+    return history, history.present, history.speeds[None, -len(before) :]
 
 
 @signal
@@ -108,7 +104,8 @@ def brakes_hard(block: Block) -> NDArray[np.bool_]:
     The deceleration is measured over `WINDOW`, or since the vehicle appeared if it appeared later.
     """
     speeds, present = past(block)
-    speed, most = block.need("speed"), _window(block.dt)
+    speed = block.need("speed")
+    most = len(speeds) - len(speed)
     steps = np.minimum(present - 1, most)
     row = np.arange(most, most + len(speed))[:, None] - np.maximum(steps, 0)
     slower = np.take_along_axis(speeds, row, axis=0) - speed

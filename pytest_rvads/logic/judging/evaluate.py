@@ -33,15 +33,13 @@ OPERATORS: Mapping[str, Callable[[Any, Any], NDArray[np.bool_]]] = {
 class Values(Mapping[f.Atom, NDArray[np.bool_]]):
     """The truth values of atoms on a run, arrays of shape ``(steps,)``, each computed at its first use.
 
-    Args:
-        tie: largest difference of waiting times that count as equal [s].
-        standing: whether waiting times count from standstill instead of from the arrival at the entrance, see `check`.
+    Waiting times are equal if they differ by at most `tie` [s]. For `standing` see `check`.
     """
 
     def __init__(self, run: Run, tie: float = 0.0, *, standing: bool = False) -> None:
         self.run = run
-        standing_readers = {name: attribute.standing for name, attribute in ATTRIBUTES.items() if attribute.standing is not None}
-        self._readers: dict[str, Callable[[Run, int], NDArray[Any]]] = standing_readers if standing else {}
+        readers = {name: attribute.standing for name, attribute in ATTRIBUTES.items() if attribute.standing and standing}
+        self._readers: dict[str, Callable[[Run, int], NDArray[Any]]] = readers
         self.tie = tie
         self._ticks = ticks(run, tie)
         self._truths: dict[f.Atom, NDArray[np.bool_]] = {}

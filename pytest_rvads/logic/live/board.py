@@ -160,11 +160,7 @@ class Board:
 class Instances:
     """Makes the instances of rules for vehicles that come and go, once per combination of ways of the vehicles.
 
-    Args:
-        lights: colours of the first state; an entrance with a colour other than none has a light.
-
-    Raises:
-        FormulaError: a rule is about more than two vehicles at once; vehicles that come later would change its instances.
+    An entrance with a colour other than none among `lights`, the colours of the first state, has a light.
     """
 
     def __init__(self, rules: tuple[Rule, ...], junction: Junction, lights: list[int]) -> None:

@@ -171,8 +171,7 @@ class _State(Run):
 class Instant:
     """The vehicles at a junction in the present state of a run that goes on state by state.
 
-    Args:
-        signals: the signals that are evaluated in every state, because later states depend on their carries.
+    The given signals are evaluated in every state, because later states depend on their carries.
     """
 
     def __init__(self, junction: Junction, dt: float, facts: Facts, signals: Iterable[Signal[Any]]) -> None:

@@ -11,11 +11,7 @@ from pytest_rvads.logic.ltl.ltl3 import Machine, Truth
 
 
 class Fact:
-    """The present truth value of an atom, with the watches (monitors) that read the atom.
-
-    Args:
-        ask: computes the value; None if `tell` is called at every change.
-    """
+    """The present truth value of an atom, with its watches (monitors); `ask` is None if `tell` is called at every change."""
 
     __slots__ = ("ask", "homes", "value", "watches")
 
@@ -45,8 +41,7 @@ class Fact:
 class Reading:
     """Maps the truth values of a monitor's atoms (a mask with bit k for atom k) to letters, the inputs of the monitor.
 
-    Args:
-        asked: numbers of the atoms that are evaluated only if their values affect the letter.
+    The atoms in `asked` are evaluated only if their values affect the letter.
     """
 
     def __init__(self, machine: Machine, asked: Sequence[int]) -> None:
@@ -106,11 +101,9 @@ _MOST_ASKED = 6
 
 
 class Watch:
-    """The monitor of an instance of a rule (the rule for certain vehicles and entrances).
+    """The monitor of an instance of a rule: the propositions p0, p1, ... of its machine stand for `facts`.
 
-    Args:
-        facts: the facts (present truth values of atoms) that the propositions p0, p1, ... of the machine stand for.
-        queue: the queue of the watches that have to read the present state; a watch appends itself to the queue.
+    A watch that has to read the present state appends itself to `queue`.
     """
 
     __slots__ = ("_queue", "_queued", "asked", "facts", "mask", "reading", "rule", "state", "template")

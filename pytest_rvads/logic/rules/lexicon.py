@@ -31,7 +31,7 @@ from pytest_rvads.logic.conduct.waiting import waits_to_cross
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.current import PACKAGE
 from pytest_rvads.logic.rules.vocabulary import Attribute, FromZones, Measured, Sort, Vocabulary, Word
-from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.run import Run, once
 from pytest_rvads.runs.states import Colour, Zone
 from pytest_rvads.support.errors import RunError
 
@@ -97,7 +97,7 @@ def _from_right(static: Static, element: f.Element, other: f.Element) -> bool:
 
 def _cause(run: Run, agent: int, other: int, _tick: int) -> Cause | None:
     pair = {run.agents[agent].name, run.agents[other].name}
-    hit = next((c for c in contacts(run) if set(c.agents) == pair), None)
+    hit = next((c for c in once(run, contacts) if set(c.agents) == pair), None)
     return None if hit is None else cause_of(run, hit)
 
 

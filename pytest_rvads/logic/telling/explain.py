@@ -38,8 +38,8 @@ def tell(story: Story) -> Verdict:
         story.notes.append(f"to blame: {' and '.join(cause.agents)} {cause.reason}")
     story.notes += _bends(worst, run)
     if story.provoked:
-        by_traffic = f"provoked by traffic: {story.subject}, the subject, is not to blame"
-        story.notes.append(by_traffic if story.subject else "provoked by pedestrians: no vehicle is to blame")
+        by_traffic = f"provoked by traffic: {run.subject}, the subject, is not to blame"
+        story.notes.append(by_traffic if run.subject else "provoked by pedestrians: no vehicle is to blame")
     if story.tolerance and worst is not None:
         seconds = f"{worst.margin:.2f} s from PASS; " if worst.margin is not None and worst.margin > 0.0 else ""
         story.notes.append(f"{seconds}{story.tolerance}")
@@ -88,7 +88,7 @@ def tell(story: Story) -> Verdict:
         requirement=rule.requirement,
         dt=run.dt,
         start=run.start,
-        subject=story.subject,
+        subject=run.subject,
         provoked=story.provoked,
         title=rule.title,
         responsible=tuple(dict.fromkeys(name for i in violated for name in i.responsible)),
@@ -125,14 +125,14 @@ def _message(story: Story, worst: Judgement | None) -> str:
         return f"{name} open: {story.reason}"
     if worst is None:
         kept_count, total = story.kept()
-        binding = f" that bind {story.subject}" if story.subject else ""
+        binding = f" that bind {run.subject}" if run.subject else ""
         untriggered = ", the others were not triggered" if kept_count < total else ""
         return f"{name} PASS: kept in {kept_count} of {total} instances{binding}{untriggered}"
     fails = sum(j.status is status for j in story.judgements)
     more = f" (the first of {fails} instances)" if fails > 1 else ""
     hint = f"; {_cyclic(story.cycle)}, so no vehicle may go first" if story.cycle else ""
     hint += "; the bend is too tight for the vehicle" if story.unavoidable and not story.cycle else ""
-    hint += f"; provoked by {'traffic' if story.subject else 'pedestrians'}" if story.provoked else ""
+    hint += f"; provoked by {'traffic' if run.subject else 'pedestrians'}" if story.provoked else ""
     if status is Status.FAIL:
         return f"{name} at t={clock(run, worst.failed or 0)} s: {happened(worst)}{more}{hint}"
     shape = worst.template.shape

@@ -69,11 +69,6 @@ class Story:
     """With how large an error of the measurements a violation in a recorded run stays definite."""
 
     @property
-    def subject(self) -> str | None:
-        """The vehicle under test among traffic, or None."""
-        return self.run.subject
-
-    @property
     def counts(self) -> dict[str, int]:
         """Number of instances by outcome: fail, open, unsure, pass, "not triggered"."""
         numbers = Counter(_WORDS[j.status] for j in self.judgements)
@@ -82,9 +77,9 @@ class Story:
     def kept(self) -> tuple[int, int]:
         """Return the number of kept instances and of all instances; with a subject, of those that bind the subject to act."""
         judgements, run = self.judgements, self.run
-        if self.subject is None or self.values is None:
+        if self.run.subject is None or self.values is None:
             return sum(j.status is Status.PASS for j in judgements), len(judgements)
-        me = next(column for column, agent in enumerate(run.agents) if agent.name == self.subject)
+        me = next(column for column, agent in enumerate(run.agents) if agent.name == self.run.subject)
         binding = [j for j in judgements if any(e.index == me for m in j.template.members for e in m.bound)]
         return sum(j.status is Status.PASS and asked(j.template, self.values, me) for j in binding), len(binding)
 
@@ -93,8 +88,8 @@ class Story:
 
         def key(j: Judgement) -> tuple[bool, int, int]:
             tick = j.failed if j.failed is not None else j.trigger
-            if self.subject is not None:
-                elsewhere = not is_about(j, self.run, self.subject)
+            if self.run.subject is not None:
+                elsewhere = not is_about(j, self.run, self.run.subject)
             else:
                 elsewhere = j.status is Status.FAIL and by_walkers(j, self.run)
             return elsewhere, _ORDER.index(j.status), self.run.steps if tick is None else tick
