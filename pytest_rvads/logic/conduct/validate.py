@@ -71,7 +71,7 @@ def validate(run: Run) -> tuple[Finding, ...]:
         if agent.kind is not Kind.PEDESTRIAN or run.excerpt is None:
             findings += _progress(run, column, agent)
             findings += _itinerary(run, column, agent)
-    findings += _of_all(run)
+    findings += _of_run(run)
     return tuple(sorted(findings, key=lambda f: f.time))
 
 
@@ -219,7 +219,7 @@ def _progress(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
         yield Finding("progress", time, text)
 
 
-def _of_all(run: Run) -> Iterator[Finding]:
+def _of_run(run: Run) -> Iterator[Finding]:
     """Check sampling (no vehicle passes a whole entrance zone between two states), colours of lights, and recorded collisions."""
     if run.speed is not None and (fast := np.abs(run.speed) * run.dt > ENTRANCE_ZONE).any():
         tick, column = np.argwhere(fast)[0].tolist()
