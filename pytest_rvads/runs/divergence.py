@@ -18,27 +18,28 @@ def diverge(one: Run, other: Run) -> Divergence | None:
     The comparison begins with the properties of the runs (label, time step, vehicles, facts, junction), goes on with the states
     in order of time, and ends with length, fault and collisions.
     """
-    difference = _first_unlike_pair(
-        label=(one.label, other.label),
-        step=(one.dt, other.dt),
-        vehicles=tuple(" ".join(f"{a.name}:{a.entrance}->{a.exit}" for a in run.agents) for run in (one, other)),
-        facts=(one.facts, other.facts),
-        junction=(one.junction.digest[:12], other.junction.digest[:12]),
-    )
-    if difference:
-        return difference
+    properties: dict[str, tuple[object, ...]] = {
+        "label": (one.label, other.label),
+        "step": (one.dt, other.dt),
+        "vehicles": tuple(" ".join(f"{a.name}:{a.entrance}->{a.exit}" for a in run.agents) for run in (one, other)),
+        "facts": (one.facts, other.facts),
+        "junction": (one.junction.digest[:12], other.junction.digest[:12]),
+    }
+    for what, (a, b) in properties.items():
+        if a != b:
+            return Divergence(what, str(a), str(b))
     states = [d for field in ARRAYS if (d := _first_difference(one, other, field))]
     if states:
         return min(states, key=lambda d: -1 if d.tick is None else d.tick)
-    return _first_unlike_pair(
-        length=(one.steps, other.steps),
-        fault=(one.fault, other.fault),
-        collisions=(one.collisions, other.collisions),
-    )
-
-
-def _first_unlike_pair(**pairs: tuple[object, ...]) -> Divergence | None:
-    return next((Divergence(what, str(a), str(b)) for what, (a, b) in pairs.items() if a != b), None)
+    ending: dict[str, tuple[object, ...]] = {
+        "length": (one.steps, other.steps),
+        "fault": (one.fault, other.fault),
+        "collisions": (one.collisions, other.collisions),
+    }
+    for what, (a, b) in ending.items():
+        if a != b:
+            return Divergence(what, str(a), str(b))
+    return None
 
 
 _PARTS = {"pose": ("x", "y", "heading"), "controls": ("throttle", "brake", "steering")}

@@ -12,6 +12,7 @@ import reprlib
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from glob import glob
 from itertools import pairwise
 from pathlib import Path
@@ -149,10 +150,15 @@ def _read_npz(path: str | Path) -> Sequence[Run]:
     return load_recording(path) if is_recording else [load_run(path)]
 
 
+def _read_by_entry_point(name: str, path: str | Path) -> Sequence[Run]:
+    runs: Sequence[Run] = load("runs", name)(path)
+    return runs
+
+
 READERS: dict[str, Callable[[str | Path], Sequence[Run]]] = {
     ".json": read_recorded,
     ".npz": _read_npz,
-    **{f".{name}": lambda path, name=name: load("runs", name)(path) for name in entries("runs")},
+    **{f".{name}": partial(_read_by_entry_point, name) for name in entries("runs")},
 }
 """Per suffix, in lower case, a reader, which raises `RunError` for a file that it can't read. Readers of other packages are entry
 points ``rvads.runs``, named by the suffix."""

@@ -99,7 +99,7 @@ def from_id(id: str, map: str | os.PathLike[str] | None = None) -> Scenario:
     start: dict[str, Any] = {}
     for name, text in (("distance", point["d"]), ("speed", point["v"])):
         try:
-            start[name] = tuple(map(float, (text or "0").split("_")))
+            start[name] = tuple(float(value) for value in (text or "0").split("_"))
         except ValueError:
             raise ScenarioError(f"{text!r:.60} is no list of numbers, expected such as 20.00 or 20.00_00.30") from None
         if len(start[name]) == 1:  # for all entrances
