@@ -102,9 +102,8 @@ def arrival_differences(run: Run) -> ArrivalDifferences | None:
         if run.subject not in (None, agent.name):
             continue
         for other in np.flatnonzero(np.abs(times - times[own]) <= APART).tolist():
-            if (agent.way.key, run.agents[other].way.key) not in conflicts:
-                continue
-            if judged_columns is None or max(own, other) in judged_columns:
+            conflict = (agent.way.key, run.agents[other].way.key) in conflicts
+            if conflict and (judged_columns is None or max(own, other) in judged_columns):
                 tried.append((own, other, round(float(times[other] - times[own]), 2)))
     return ArrivalDifferences(symmetry, pairs, tuple(tried))
 

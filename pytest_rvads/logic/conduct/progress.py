@@ -163,11 +163,7 @@ def losses(
 
 @signal(needs=_need_everything)
 def idles(block: Block) -> NDArray[np.bool_]:
-    """Return whether each vehicle has lost more time than `PATIENCE` in the present part of its way, although it could go.
-
-    The lost time is counted anew before, in and after the junction. The time in a circle of vehicles that wait for each other is
-    counted separately, from the beginning of the circle.
-    """
+    """Return whether each vehicle has lost more time than `PATIENCE` in the present part of its way, although it could go."""
     lost: Lost = losses(block)
     idling: NDArray[np.bool_] = np.maximum(lost.idle, lost.circle) > PATIENCE
     return idling

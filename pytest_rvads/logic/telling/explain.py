@@ -43,9 +43,8 @@ def tell(story: Story) -> Verdict:
     if story.tolerance and worst is not None:
         seconds = f"{worst.margin:.2f} s from PASS; " if worst.margin is not None and worst.margin > 0.0 else ""
         story.notes.append(f"{seconds}{story.tolerance}")
-    near = story.near
     miss = None
-    if near:
+    if near := story.near:
         missing = tuple(say(p) for p in near[2])
         miss = NearMiss(bound_names(near[0]), near[1], missing, near[3])
     time = None
