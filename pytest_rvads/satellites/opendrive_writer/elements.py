@@ -83,11 +83,7 @@ def add_road(root: Element, id: int, length: float, *, junction: str = "-1", lef
 
 
 def add_lanes(road: Element, lanes: Iterable[Lane], offset: float = 0.0) -> None:
-    """Add lanes with their marks.
-
-    Args:
-        offset: offset of lane 0 from the reference line, to the left [m].
-    """
+    """Add lanes with their marks; lane 0 lies `offset` to the left of the reference line [m]."""
     group = add(road, "lanes")
     if offset:
         add(group, "laneOffset", s=0, a=offset, b=0, c=0, d=0)
@@ -97,30 +93,22 @@ def add_lanes(road: Element, lanes: Iterable[Lane], offset: float = 0.0) -> None
     for name, lanes_of_side in sides:
         side = add(section, name)
         for lane in lanes_of_side:
-            _add_lane(side, lane)
-
-
-def _add_lane(side: Element, lane: Lane) -> None:
-    element = add(side, "lane", id=lane.id, type=lane.type, level="false")
-    if lane.links:
-        link = add(element, "link")
-        add(link, "predecessor", id=lane.links[0])
-        add(link, "successor", id=lane.links[1])
-    if lane.id:
-        add(element, "width", sOffset=0, a=lane.width, b=0, c=0, d=0)
-    marks = ((0.0, "solid"), (_BROKEN_FROM, "broken")) if lane.mark == "centre" else ((0.0, lane.mark),)
-    for start, type in marks:
-        width = {} if type == "none" else {"width": _MARK}
-        change = "both" if type == "broken" else "none"
-        add(element, "roadMark", sOffset=start, type=type, weight="standard", color="white", laneChange=change, **width)
+            element = add(side, "lane", id=lane.id, type=lane.type, level="false")
+            if lane.links:
+                link = add(element, "link")
+                add(link, "predecessor", id=lane.links[0])
+                add(link, "successor", id=lane.links[1])
+            if lane.id:
+                add(element, "width", sOffset=0, a=lane.width, b=0, c=0, d=0)
+            marks = ((0.0, "solid"), (_BROKEN_FROM, "broken")) if lane.mark == "centre" else ((0.0, lane.mark),)
+            for start, type in marks:
+                width = {} if type == "none" else {"width": _MARK}
+                change = "both" if type == "broken" else "none"
+                add(element, "roadMark", sOffset=start, type=type, weight="standard", color="white", laneChange=change, **width)
 
 
 def add_regulation(road: Element, posts: Iterable[Post], lines: Iterable[tuple[Post, float, float]] = ()) -> None:
-    """Add signs, lights and stop lines.
-
-    Args:
-        lines: per line its sign or light, the lateral position of its middle [m] and its length across the road [m].
-    """
+    """Add signs, lights and `lines`: per line its sign or light, the lateral position of its middle, and its length [m]."""
     objects = Element("objects")
     for post, t, across in lines:
         if post.sign not in _LINES:
@@ -170,28 +158,16 @@ def add_crosswalk(
 ) -> None:
     """Add a crosswalk to a road that already has its signs and stop lines.
 
-    Args:
-        corners: corners of the painted area [m]: pairs (s, t), counter-clockwise; s may lie before the start of the road.
-        lights: the id, the station and the lateral position of every light for pedestrians [m].
+    The corners of the painted area are pairs (s, t), counter-clockwise [m]; s may lie before the start of the road. A light for
+    pedestrians has an id, a station and a lateral position [m].
     """
     objects, signals = road.find("objects"), road.find("signals")
     if objects is None:
         objects = Element("objects")
         road.insert(len(road) if signals is None else list(road).index(signals), objects)
     length, width = (max(along) - min(along) for along in zip(*corners, strict=True))
-    place = {"s": 0.0, "t": 0.0, "zOffset": 0.0}
-    crosswalk = add(
-        objects,
-        "object",
-        id=id,
-        name="Crosswalk",
-        type="crosswalk",
-        **place,
-        orientation="none",
-        length=length,
-        width=width,
-        **_FLAT,
-    )
+    place: dict[str, str | float] = {"s": 0.0, "t": 0.0, "zOffset": 0.0, "orientation": "none"}
+    crosswalk = add(objects, "object", id=id, name="Crosswalk", type="crosswalk", **place, length=length, width=width, **_FLAT)
     outline = add(add(crosswalk, "outlines"), "outline", id=0, outer="true", closed="true")
     for number, (u, v) in enumerate(corners):
         add(outline, "cornerLocal", id=number, u=u, v=v, z=0, height=0)

@@ -99,11 +99,7 @@ class _Writer:
         """Id of a lane whose traffic runs along the reference line."""
 
     def road(self, id: int, line: Segment, *, against: bool = False, headings: tuple[float, float] | None = None) -> Element:
-        """Add a road.
-
-        Args:
-            headings: headings at the start and the end of a movement [rad]; None for other roads.
-        """
+        """Add a road; `headings` are those at the start and the end of a movement [rad], None for other roads."""
         pieces = _cubics(line.points[::-1] if against else line.points, headings)
         road = add_road(self.root, id, math.fsum(place["length"] for place, _ in pieces), left_hand=self.left_hand)
         plan, s = add(road, "planView"), 0.0

@@ -7,7 +7,7 @@ file of a junction into the folder of an exported file.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from itertools import pairwise
@@ -107,15 +107,12 @@ class Document:
 
 
 def body_of(agent: Agent, vehicle: Vehicle | None = None) -> Body:
-    """Return the body of an agent.
+    """Return the body of an agent; `vehicle` are the parameters with which it was simulated, None if they are unknown.
 
     If the parameters are unknown or have another size than the agent, the distance from the front to the rear axle is assumed to
     be the share `AXLE` of the length, as in a usual car. The wheelbase follows from the assumption that the axles lie
     symmetrically about the middle of the body, as in `Vehicle.rear_axle_offset`. A pedestrian has no axles, and its
     reference point is its middle.
-
-    Args:
-        vehicle: parameters with which the agent was simulated; None if they are unknown.
     """
     usual = Vehicle()
     if vehicle is not None and agent.size in (None, (vehicle.length, vehicle.width)):
@@ -127,65 +124,46 @@ def body_of(agent: Agent, vehicle: Vehicle | None = None) -> Body:
     return Body(agent.kind, length, width, usual.height, AXLE * length, (2 * AXLE - 1) * length, usual)
 
 
-def moved_back(front: Pose, back: float) -> Pose:
-    """Return the pose of a vehicle's reference point, which lies `back` metres behind the given pose of the vehicle's front."""
-    ahead = np.cos(front.heading), np.sin(front.heading)
-    return Pose(float(front.x - back * ahead[0]), float(front.y - back * ahead[1]), front.heading)
-
-
 def phases_of_run(junction: Junction, lights: NDArray[np.int8], dt: float) -> tuple[Phase, ...]:
     """Return the phases of the traffic lights in a run; the result is empty for a junction without lights.
 
-    Args:
-        lights: colour in each state, shape ``(steps, starts)``.
-        dt: time between two states [s].
+    The shape of `lights` is ``(steps, starts)``, and `dt` is the time between two states [s].
     """
     if not lights.any():
         return ()
-    names = _signals_to_write(junction, lights)
     bounds = [0, *(np.flatnonzero((np.diff(lights, axis=0) != 0).any(axis=1)) + 1).tolist(), len(lights)]
-    return tuple(_phase(names, lights[begin], round((end - begin) * dt, 9)) for begin, end in pairwise(bounds))
+    return _phases(junction, lights[bounds[:-1]], [round((end - begin) * dt, 9) for begin, end in pairwise(bounds)])
 
 
 def phases_of_plan(junction: Junction, plan: SignalPlan) -> tuple[Phase, ...]:
     """Return the phases of one cycle of a signal plan; the result is empty for a plan without lights."""
     count, phases = len(junction.entrances), plan.phases()
     lights = np.array([plan.colours(begin, count) for begin, _ in phases], dtype=np.int8).reshape(-1, count)
-    names = _signals_to_write(junction, lights)
-    return tuple(_phase(names, colours, seconds) for colours, (_, seconds) in zip(lights, phases, strict=True))
+    return _phases(junction, lights, [seconds for _, seconds in phases])
 
 
-def _signals_to_write(junction: Junction, lights: NDArray[np.int8]) -> dict[str, int]:
-    """Return the ids of the signals to write, each with the number of an entrance whose light has the colours of the signal."""
+def _phases(junction: Junction, lights: NDArray[np.int8], durations: list[float]) -> tuple[Phase, ...]:
+    """Return phases from the colour of each start in each phase, shape ``(phases, starts)``, and the durations [s]."""
     ids = signal_ids(junction)
-    names: dict[str, int] = {}
+    names: dict[str, int] = {}  # by id of a signal to write, an entrance whose light has the colours of the signal
     for entrance in np.flatnonzero(lights.any(axis=0)).tolist():
         way = None if entrance < len(junction.entrances) else junction.further[entrance - len(junction.entrances)].way
         if isinstance(way, Crossing):
             names[f"w{way.crosswalk}"] = entrance  # as in w0
             continue
-        signals = [id for id, entrances in ids.items() if entrance in entrances and _same_colours(lights, entrances)]
+        own = lights[:, [entrance]]
+        signals = [id for id, others in ids.items() if entrance in others and (lights[:, list(others)] == own).all()]
         # Without a signal in the map of the entrance's colours, the id is made from the label of the entrance.
         label = junction.vehicle_at(entrance).removeprefix("a")
         names |= dict.fromkeys(signals or [f"{ENTRANCE}{label}"], entrance)
-    return names
-
-
-def _same_colours(lights: NDArray[np.int8], entrances: Sequence[int]) -> bool:
-    colours = lights[:, list(entrances)]
-    return bool((colours == colours[:, :1]).all())
-
-
-def _phase(names: dict[str, int], colours: NDArray[np.int8], seconds: float) -> Phase:
-    return Phase(seconds, {name: Colour(int(colours[entrance])) for name, entrance in names.items()})
+    return tuple(
+        Phase(seconds, {name: Colour(int(colours[entrance])) for name, entrance in names.items()})
+        for colours, seconds in zip(lights, durations, strict=True)
+    )
 
 
 def mapped(junction: Junction, *maps: str | os.PathLike[str] | None) -> Junction:
-    """Return a junction with `map` set to the path of a map file in which the junction was found unchanged.
-
-    Args:
-        maps: map files that are searched before the file that the junction names; None is skipped.
-    """
+    """Return a junction with `map` set to a map file in which it is unchanged; `maps` are searched before the file it names."""
     candidates = [path_of(junction.name)] if junction.name in NAMES else []
     candidates += [Path(map) for map in (*maps, junction.map) if map is not None]
     error_of_last: MapError | None = None
@@ -216,16 +194,13 @@ def put_map(junction: Junction, folder: Path) -> str:
     source = Path(str(junction.map))
     try:
         content = read_file(source, MAX_BYTES)
-        name = source.name
-        if _differs(folder / name, content):
-            name = f"{source.stem}-{sha256(content).hexdigest()[:8]}{source.suffix}"
-        target = folder / name
-        if not target.exists() or _differs(target, content):
-            write_file(target, content)
+        other_name = f"{source.stem}-{sha256(content).hexdigest()[:8]}{source.suffix}"
+        for target in (folder / source.name, folder / other_name):
+            if not target.exists():
+                break
+            if target.stat().st_size == len(content) and target.read_bytes() == content:
+                return target.name
+        write_file(target, content)
     except OSError as error:
         raise MapError(f"map file {source} can't be copied to {folder}: {error.strerror}") from error
-    return name
-
-
-def _differs(path: Path, content: bytes) -> bool:
-    return path.exists() and (path.stat().st_size != len(content) or path.read_bytes() != content)
+    return target.name

@@ -5,16 +5,10 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from pytest_rvads.cli.common import Subparsers, say
 from pytest_rvads.cli.shared_options import share
 from pytest_rvads.support.errors import RunError, ScenarioError
-
-if TYPE_CHECKING:
-    from pytest_rvads.runs.run import Run
-    from pytest_rvads.scenarios.case import Fleet
-    from pytest_rvads.scenarios.scenario import Scenario
 
 
 def declare(commands: Subparsers) -> None:
@@ -57,16 +51,23 @@ def _export_run(options: argparse.Namespace, source: Path, out: Path) -> int:
     from pytest_rvads.logic.check import check
     from pytest_rvads.runs.readers import read_runs
     from pytest_rvads.runs.states import crowd
-    from pytest_rvads.satellites.openscenario.run_export import export_run
+    from pytest_rvads.satellites.openscenario.document import mapped
+    from pytest_rvads.satellites.openscenario.run_export import export_run, recorded_map, vehicles
     from pytest_rvads.satellites.openscenario.scenario_xosc import save_scenario
+    from pytest_rvads.scenarios.case import Fleet
+    from pytest_rvads.scenarios.ids import recalled
 
     runs = read_runs(source)
     if len(runs) != 1:
         raise RunError(f"{source}: the file has {len(runs)} runs, expected a single run: cut the file into files of a single run")
     run = runs[0]
     if options.scenario:
-        scenario, fleet = _initial_scenario(run, source, options.map)
-        save_scenario(scenario, out, map=options.map, fleet=fleet)
+        record = run.provenance.get("scenario")
+        if not isinstance(record, Mapping):
+            raise RunError(f"{source}: the run names no scenario, expected a run that rvads simulated")
+        place = mapped(run.junction, options.map, recorded_map(run.provenance))
+        scenario = recalled(record, place, f"{source}: scenario")
+        save_scenario(scenario, out, map=options.map, fleet=Fleet(others=vehicles(run)))
         say(f"{out}: {scenario.describe()}")
         return 0
     verdict = check(run, options.rules) if options.rules else None
@@ -75,20 +76,3 @@ def _export_run(options: argparse.Namespace, source: Path, out: Path) -> int:
     if verdict is not None:
         say(f"  {verdict.message}")
     return 0
-
-
-def _initial_scenario(run: Run, source: Path, map: str | None) -> tuple[Scenario, Fleet]:
-    """Return the scenario and the fleet (vehicle parameters) of a simulated run, as the run's provenance records them."""
-    from pytest_rvads.satellites.openscenario.document import mapped
-    from pytest_rvads.satellites.openscenario.run_export import recorded_map, vehicles
-    from pytest_rvads.scenarios.case import Fleet
-    from pytest_rvads.scenarios.ids import recalled
-
-    record = run.provenance.get("scenario")
-    if not isinstance(record, Mapping):
-        raise RunError(f"{source}: the run names no scenario, expected a run that rvads simulated")
-    place = mapped(run.junction, map, recorded_map(run.provenance))
-    vehicles_by_agent = vehicles(run)
-    return recalled(record, place, f"{source}: scenario"), Fleet(
-        others={name: v for name, v in vehicles_by_agent.items() if v is not None}
-    )

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -84,7 +85,7 @@ def export_run(run: Run, path: str | Path, *, map: str | os.PathLike[str] | None
     judged = None if verdict is None else _Judged(verdict.rule, str(verdict.status), one_line(verdict.message))
     title = run.label if judged is None else f"{run.label}: {judged.message}"
     parameters = vehicles(run)
-    bodies = [body_of(agent, parameters[agent.name]) for agent in run.agents]
+    bodies = [body_of(agent, parameters.get(agent.name)) for agent in run.agents]
     actors = tuple(actor for k, body in enumerate(bodies) if (actor := _actor(run, k, body)) is not None)
     unsized = [agent.name for agent in run.agents if agent.size is None]
     document = Document(
@@ -115,16 +116,14 @@ def recorded_map(provenance: Mapping[str, Any]) -> str | None:
     return path if isinstance(path, str) else None
 
 
-def vehicles(run: Run) -> dict[str, Vehicle | None]:
-    """Return the vehicle parameters of each agent; None for an agent without parameters in the provenance of the run."""
-    by_agent: dict[str, Vehicle | None] = {}
+def vehicles(run: Run) -> dict[str, Vehicle]:
+    """Return the vehicle parameters in the provenance of a run, by name of the agent; agents without parameters are left out."""
+    by_agent: dict[str, Vehicle] = {}
     others = run.provenance.get("others")
     for agent in run.agents:
         record = (others.get(agent.name) if isinstance(others, Mapping) else None) or run.provenance.get("vehicle")
-        try:
+        with suppress(msgspec.ValidationError, RvadsError):
             by_agent[agent.name] = msgspec.convert(record, Vehicle)
-        except (msgspec.ValidationError, RvadsError):
-            by_agent[agent.name] = None
     return by_agent
 
 

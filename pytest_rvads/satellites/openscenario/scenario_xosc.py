@@ -24,7 +24,7 @@ from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.segment import Pose
 from pytest_rvads.runs.archive import Name
 from pytest_rvads.runs.states import Colour, Vehicle
-from pytest_rvads.satellites.openscenario.document import Actor, Document, body_of, mapped, moved_back, phases_of_plan, put_map
+from pytest_rvads.satellites.openscenario.document import Actor, Document, body_of, mapped, phases_of_plan, put_map
 from pytest_rvads.satellites.openscenario.intentions import Drive, Intention, intentions, matched
 from pytest_rvads.satellites.openscenario.run_export import write
 from pytest_rvads.satellites.openscenario.writing import library
@@ -102,7 +102,9 @@ def save_scenario(
         body = body_of(replace(agent, kind=vehicle.kind), vehicle)
         station = way.start(distance)
         front, axle = way.pose(station), way.pose(station - body.back)  # both lie on the centre line, as at a start
-        start = moved_back(Pose(front.x, front.y, math.atan2(front.y - axle.y, front.x - axle.x)), body.back)
+        heading = math.atan2(front.y - axle.y, front.x - axle.x)
+        back_x, back_y = body.back * float(np.cos(heading)), body.back * float(np.sin(heading))
+        start = Pose(front.x - back_x, front.y - back_y, heading)
         ahead = [way.pose(station) for station in (0.0, way.length / 2, way.length, way.leave)]
         actors.append(Actor(agent.name, body, start, speed, route=(start, *ahead)))
     site = _Site(scenario.place.name, scenario.place.id, scenario.place.digest)
@@ -118,6 +120,8 @@ def save_scenario(
     write(path, document)
 
 
+_END = ("StopTrigger", "SimulationTimeCondition")
+"""Path of the element with the duration of a scenario."""
 _TOLERANCE = 1e-3
 """Largest difference at which two positions [m] or two speeds [m/s] count as equal."""
 _EVERY, _WITHIN = 0.25, 0.1
@@ -152,7 +156,11 @@ def load_scenario(path: str | Path, *, junction: str | None = None, map: str | o
                 raise ScenarioError(f"{path.name}: the property rvads.scenario has version {content.version}, expected {VERSION}")
             place = _site_of(content.site, map_file, path.name)
             scenario = recalled(content.scenario, place, f"{path.name}: the property rvads.scenario")
-            _check_note(scenario, by_name, root, path.name)
+            if edited := _edited_part(scenario, by_name, root):
+                raise ScenarioError(
+                    f"{path.name}: the file has {edited}, and the property rvads.scenario has another value: remove the property "
+                    "if the file was changed on purpose"
+                )
             return scenario
         if junction is not None:
             places = [find(junction, None if junction in names() else map_file)]
@@ -167,22 +175,21 @@ def load_scenario(path: str | Path, *, junction: str | None = None, map: str | o
 
 def _site_of(site: _Site, map: Path | None, where: str) -> Junction:
     """Return the junction of an exported scenario, from the built-in maps or from the map file that the scenario names."""
-    if site.name in NAMES and (builtin := _as_exported(find(site.name), site.digest)).digest == site.digest:
-        return builtin
+    if site.name in NAMES:
+        builtin = find(site.name)
+        for junction in (builtin.walked, builtin):  # the exported junction had the ways of pedestrians, or had none
+            if junction.digest == site.digest:
+                return junction
     if map is None:
         raise RunError(f"{where}: the file names no map in <LogicFile>, expected the map of junction {site.name!r}")
-    junction = _as_exported(_with_name(find(site.id, map), site.name), site.digest)
-    if junction.digest != site.digest:
-        raise RunError(
-            f"{where}: junction {site.name!r} of map file {map} has changed since the export: put the original map into the "
-            "folder, or remove the property rvads.scenario, and the file is read like a file of another tool"
-        )
-    return junction
-
-
-def _as_exported(junction: Junction, digest: str) -> Junction:
-    """Return the junction with the ways of pedestrians if the exported junction had these ways."""
-    return junction.walked if junction.walked.digest == digest else junction
+    mapped_junction = _with_name(find(site.id, map), site.name)
+    for junction in (mapped_junction.walked, mapped_junction):
+        if junction.digest == site.digest:
+            return junction
+    raise RunError(
+        f"{where}: junction {site.name!r} of map file {map} has changed since the export: put the original map into the "
+        "folder, or remove the property rvads.scenario, and the file is read like a file of another tool"
+    )
 
 
 @lru_cache(maxsize=16)
@@ -191,30 +198,23 @@ def _with_name(junction: Junction, name: str) -> Junction:
     return junction if junction.name == name else replace(junction, name=name)
 
 
-def _check_note(scenario: Scenario, by_name: Mapping[str, Intention], root: Node, where: str) -> None:
-    """Check that an exported file was not edited: its elements agree with the scenario in its note."""
+def _edited_part(scenario: Scenario, by_name: Mapping[str, Intention], root: Node) -> str | None:
+    """Return in words which elements of an exported file differ from the scenario in its note; None if they agree."""
     agents = scenario.agents()
     if {agent.name for agent in agents} != by_name.keys():
-        raise _contradiction(where, f"vehicles {', '.join(sorted(by_name))}")
+        return f"vehicles {', '.join(sorted(by_name))}"
     lengths = {name: _vehicle_of_length(intention.length) for name, intention in by_name.items()}
     starts = scenario.starts(lengths.__getitem__)
     for agent, start in zip(agents, starts, strict=True):
         drive = matched(by_name[agent.name], scenario.place)
         begin = None if drive is None else (drive.distance, drive.speed)
         if drive is None or drive.key != agent.way.key or not np.allclose(begin or (), start, rtol=0.0, atol=_TOLERANCE):
-            raise _contradiction(where, f"a start or route of {agent.name}")
-    duration = _duration(root)
+            return f"a start or route of {agent.name}"
+    end = root.first(*_END)
+    duration = None if end is None else end.number("value")
     if duration is None or abs(duration - scenario.duration) > _TOLERANCE:
-        raise _contradiction(where, f"an end at {duration} s")
-    if not _lights_match(scenario, root):
-        raise _contradiction(where, "colours of the lights")
-
-
-def _contradiction(where: str, what: str) -> ScenarioError:
-    return ScenarioError(
-        f"{where}: the file has {what}, and the property rvads.scenario has another value: remove the property if the file was "
-        "changed on purpose"
-    )
+        return f"an end at {duration} s"
+    return None if _lights_match(scenario, root) else "colours of the lights"
 
 
 def _vehicle_of_length(length: float | None) -> Vehicle:
@@ -262,7 +262,8 @@ def _scenario_of_drives(place: Junction, drives: list[Drive], root: Node, where:
     start_of = {e: (head.distance, head.speed) for e, head in heads.items()}
     starts = [start_of.get(e, (spare.distance, spare.speed) if alike else (0.0, 0.0)) for e in lanes]
     code = tuple(by_key[heads[e].key] if e in heads else 0 for e in lanes)
-    duration = _duration(root)
+    end = root.first(*_END)
+    duration = usual_duration(place) if end is None else end.number("value")
     for row in Orbits.at(place).rows:
         try:
             scenario = Scenario(
@@ -271,7 +272,7 @@ def _scenario_of_drives(place: Junction, drives: list[Drive], root: Node, where:
                 distance=rotate(tuple(distance for distance, _ in starts), -row),
                 speed=rotate(tuple(speed for _, speed in starts), -row),
                 rotation=row,
-                duration=usual_duration(place) if duration is None else duration,
+                duration=duration,
                 followers=max(counts) - 1,
             )
         except ScenarioError as error:
@@ -297,11 +298,6 @@ def _check_queues(scenario: Scenario, queues: Mapping[int, list[Drive]], where: 
                 f"{start[0]:.2f} m at {start[1]:g} m/s: a follower starts at the speed of its leader, {QUEUE_GAP:g} m and "
                 f"{QUEUE_TIME:g} s behind"
             )
-
-
-def _duration(root: Node) -> float | None:
-    end = root.first("StopTrigger", "SimulationTimeCondition")
-    return None if end is None else end.number("value")
 
 
 def _lights_match(scenario: Scenario, root: Node) -> bool:

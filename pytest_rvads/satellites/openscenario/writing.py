@@ -17,14 +17,13 @@ from xml.etree import ElementTree
 
 from pytest_rvads.geometry.segment import Pose
 from pytest_rvads.runs.states import Kind
-from pytest_rvads.satellites.openscenario.document import Actor, Body, Document
+from pytest_rvads.satellites.openscenario.document import Actor, Body, Document, Trajectory
 from pytest_rvads.satellites.openscenario.xosc import LAMPS
 from pytest_rvads.support.errors import RvadsError, needs
 
 _MINOR = 2
 _DATE = datetime(2000, 1, 1)
 """Creation date in every file; it is constant so that equal runs give equal files."""
-_AUTHOR = "pytest-rvads"
 _FASTEST = 70.0
 """Top speed that is declared for every vehicle [m/s]."""
 _TRACK, _WHEEL = 0.85, 0.64
@@ -84,17 +83,17 @@ class _Writer:
             for action in self.starting(actor):
                 init.add_init_action(actor.name, action)
         board = xosc.StoryBoard(init, self.at(document.duration, "the end", "stop"))
-        driven = [actor for actor in document.actors if actor.trajectory is not None]
+        driven = [(actor, actor.trajectory) for actor in document.actors if actor.trajectory is not None]
         if driven:
             act = xosc.Act("trajectories", self.at(0.0, "the start"))
-            for actor in driven:
-                act.add_maneuver_group(self.group(actor))
+            for actor, way in driven:
+                act.add_maneuver_group(self.group(actor, way))
             story = xosc.Story("run")
             story.add_act(act)
             board.add_story(story)
         return xosc.Scenario(
             document.title,
-            _AUTHOR,
+            "pytest-rvads",
             xosc.ParameterDeclarations(),
             entities,
             board,
@@ -147,12 +146,15 @@ class _Writer:
                 route.add_waypoint(self.place(pose), xosc.RouteStrategy.shortest)
             yield xosc.AssignRouteAction(route)
 
-    def group(self, actor: Actor) -> Any:
+    def group(self, actor: Actor, way: Trajectory) -> Any:
         """Return the actions of an actor with a trajectory: to appear, to follow the trajectory, and to leave."""
         xosc = self.xosc
         maneuver = xosc.Maneuver(f"{actor.name} drives")
         begins = 0.0 if actor.appears is None else actor.appears
-        steps = [("follows", begins, self.following(actor))]
+        line = xosc.Trajectory(f"of {actor.name}", False)
+        line.add_shape(xosc.Polyline(way.times.tolist(), [self.place(Pose(*pose)) for pose in way.poses.tolist()]))
+        follow = xosc.FollowTrajectoryAction(line, xosc.FollowingMode.position, xosc.ReferenceContext.absolute, 1.0, 0.0)
+        steps = [("follows", begins, follow)]
         if actor.appears is not None:
             steps.insert(0, ("appears", begins, xosc.AddEntityAction(actor.name, self.place(actor.start))))
         if actor.leaves is not None:
@@ -166,14 +168,6 @@ class _Writer:
         group.add_actor(actor.name)
         group.add_maneuver(maneuver)
         return group
-
-    def following(self, actor: Actor) -> Any:
-        xosc, way = self.xosc, actor.trajectory
-        assert way is not None, "only actors with a trajectory have a group"
-        line = xosc.Trajectory(f"of {actor.name}", False)
-        places = [self.place(Pose(*pose)) for pose in way.poses.tolist()]
-        line.add_shape(xosc.Polyline(way.times.tolist(), places))
-        return xosc.FollowTrajectoryAction(line, xosc.FollowingMode.position, xosc.ReferenceContext.absolute, 1.0, 0.0)
 
     def place(self, pose: Pose) -> Any:
         return self.xosc.WorldPosition(pose.x, pose.y, h=pose.heading)

@@ -37,8 +37,6 @@ _COLOUR_OF_STATE |= {
 }
 _MOST_CHANGES = 1_000_000
 """Largest number of phases of a signal controller that are read up to the end of the run."""
-
-
 _COLUMNS = {"time": "time", "heading": "h", "size": "Dimensions"}
 
 
@@ -85,7 +83,9 @@ def read_xosc(path: Path, columns: Mapping[str, str] | None, *, strict: bool, wa
 def log_of(file: TrajectoryFile, *, strict: bool = False) -> Log:
     """Return the content of a file as a log, the form that all formats of tracks share."""
     if not file.ways:
-        raise no_trajectories(file.where)
+        raise RunError(
+            f"{file.where}: no vehicle follows a trajectory, expected a run: rvads.files.load_scenario reads files of scenarios"
+        )
     gather = Gather(file.where, _COLUMNS, strict=strict)
     for entity in file.entities:
         way = file.ways.get(entity.name)
@@ -128,14 +128,7 @@ def read_trajectories(path: Path, watch: Watch | None = None) -> TrajectoryFile:
     trajectories = {name: np.vstack(parts) for name, parts in ways.items() if parts and name not in reasons}
     all_reasons = {name: reasons.get(name, "it follows no trajectory") for name in ways if name not in trajectories}
     end = max((float(way[-1, 1]) for way in trajectories.values() if len(way)), default=0.0)
-    return TrajectoryFile(
-        path.name,
-        tuple(entities),
-        trajectories,
-        all_reasons,
-        lights_of(root, end),
-        map_of(root, path),
-    )
+    return TrajectoryFile(path.name, tuple(entities), trajectories, all_reasons, lights_of(root, end), map_of(root, path))
 
 
 class _Note(msgspec.Struct):
@@ -190,13 +183,15 @@ def lights_of(root: Node, end: float) -> dict[str, Changes]:
     colours_by_signal: dict[str, list[tuple[float, Colour]]] = {}
     state_count = 0
     for controller in root.walk("TrafficSignalController"):
-        phases = [
-            (
-                phase.number("duration"),
-                {s.text("trafficSignalId"): _colour(s) for s in phase.walk("TrafficSignalState")},
-            )
-            for phase in controller.walk("Phase")
-        ]
+        phases: list[tuple[float, dict[str, Colour]]] = []
+        for phase in controller.walk("Phase"):
+            phases.append((phase.number("duration"), {}))
+            for state in phase.walk("TrafficSignalState"):
+                name, lamps = state.text("trafficSignalId"), state.text("state").replace(" ", "").lower()
+                if lamps not in _COLOUR_OF_STATE:
+                    expected = "red, yellow, green, off, or three lamps such as 'on;off;off'"
+                    raise state.refused(f"has the state {lamps!r:.60}, expected {expected}")
+                phases[-1][1][name] = _COLOUR_OF_STATE[lamps]
         time, total = controller.number("delay", 0.0), math.fsum(duration for duration, _ in phases)
         if not phases:
             continue
@@ -215,24 +210,10 @@ def lights_of(root: Node, end: float) -> dict[str, Changes]:
     return changes_of(colours_by_signal)
 
 
-def _colour(state: Node) -> Colour:
-    lamps = state.text("state").replace(" ", "").lower()
-    if lamps not in _COLOUR_OF_STATE:
-        raise state.refused(f"has the state {lamps!r:.60}, expected red, yellow, green, off, or three lamps such as 'on;off;off'")
-    return _COLOUR_OF_STATE[lamps]
-
-
 def read_played(path: str | Path) -> Sequence[Run]:
     """Return the runs into which the traffic of a file is cut, at all junctions of the named map that vehicles pass."""
     recordings = recordings_in(with_headings(log_of(read_trajectories(Path(path)))), FORMAT.point)
     return recordings[0] if len(recordings) == 1 else [run for recording in recordings for run in recording]
-
-
-def no_trajectories(where: str) -> RunError:
-    """Return the error for a file without trajectories."""
-    return RunError(
-        f"{where}: no vehicle follows a trajectory, expected a run: rvads.files.load_scenario reads files of scenarios"
-    )
 
 
 FORMAT = Format(read_xosc, (".xosc",), "rear_axle", with_map=True)

@@ -45,8 +45,6 @@ _FUNCTIONS: Mapping[str, Callable[..., float]] = {
     "max": max,
     "min": min,
 }
-
-
 VERTEX = ("row", "time", "x", "y", "h")
 """Fields of a vertex: line in the file, time [s], position [m], heading [rad]."""
 _MOST_NODES = 200_000
@@ -79,10 +77,7 @@ class Node:
             yield from child.walk(*tags)
 
     def first(self, *path: str) -> Node | None:
-        """Return the element at the end of a path of tags; None if there is no such element.
-
-        Each tag of the path selects the first element with this tag inside of the element that the tag before selected.
-        """
+        """Return the first element of each tag of a path inside of the one before, the last of them; None if there is none."""
         node: Node | None = self
         for tag in path:
             node = None if node is None else next(node.walk(tag), None)
@@ -132,7 +127,15 @@ class _Builder:
         place = f"{self.where}: row {row}"
         if tag == "ParameterDeclaration":  # some tools put a dollar sign before the declared name
             attributes["name"] = attributes.get("name", "").removeprefix("$")
-        node = Node(tag, {name: self._value(value, place) for name, value in attributes.items()}, place)
+        node = Node(tag, dict(attributes), place)
+        for name, text in attributes.items():
+            if len(text) > _LONGEST:
+                raise RunError(f"{place}: an attribute has {len(text):,} characters, expected at most {_LONGEST:,}")
+            if text.startswith("$"):
+                try:
+                    node.attributes[name] = evaluate(text, self._parameters)
+                except ValueError as error:
+                    raise RunError(one_line(f"{place}: {text[:60]!r} {error}")) from error
         if self._line is not None:
             self._inside += 1
             self._vertex(self._line, node, row)
@@ -163,16 +166,6 @@ class _Builder:
             self._line = None
             self._stack.pop()
 
-    def _value(self, text: str, place: str) -> str:
-        if len(text) > _LONGEST:
-            raise RunError(f"{place}: an attribute has {len(text):,} characters, expected at most {_LONGEST:,}")
-        if not text.startswith("$"):
-            return text
-        try:
-            return evaluate(text, self._parameters)
-        except ValueError as error:
-            raise RunError(one_line(f"{place}: {text[:60]!r} {error}")) from error
-
     def _vertex(self, line: Node, node: Node, row: int) -> None:
         """Store a part of a vertex: the time in the element `Vertex`, or the position in the inner element `WorldPosition`."""
         if node.tag == "Vertex":
@@ -200,7 +193,7 @@ def read_tree(path: Path, watch: Watch | None = None) -> Node:
 
 
 def evaluate(text: str, parameters: Mapping[str, str]) -> str:
-    r"""Return the value of an attribute that begins with a dollar sign."""
+    """Return the value of an attribute that begins with a dollar sign."""
     for name in _PARAMETER.findall(text):
         if name not in parameters:
             raise ValueError(f"refers to {name!r}, which is no declared parameter")
