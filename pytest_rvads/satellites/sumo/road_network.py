@@ -61,8 +61,11 @@ class Network:
 
     text: bytes
     """Content of the network file."""
-    name: str
-    """Name of the network file, which is made from a hash of its content."""
+
+    @property
+    def name(self) -> str:
+        """Name of the network file, which is made from a hash of its content."""
+        return f"{sha256(self.text).hexdigest()[:16]}.net.xml"
 
 
 @lru_cache(maxsize=64)
@@ -71,13 +74,22 @@ def network(junction: Junction, plan: SignalPlan) -> Network:
     files = _plain_files(junction)
     root = netconvert(files, left_hand=junction.left_hand)
     node = next(item for item in root.iter("junction") if item.get("id") == "J")
-    links = _links(junction, root, node)
+    entrances = {lane_in(junction, k): k for k in range(len(junction.entrances))}
+    exits = {lane_out(junction, k): k for k in range(len(junction.exits))}
+    by_lane: dict[str, list[Key]] = {}
+    for item in root.iter("connection"):
+        start = item.attrib["from"], int(item.attrib["fromLane"])
+        if start in entrances:
+            key = entrances[start], exits[item.attrib["to"], int(item.attrib["toLane"])]
+            by_lane.setdefault(f"{start[0]}_{start[1]}", []).append(key)
+    # SUMO numbers the links (connections through its junction) in this order.
+    links = [key for lane in node.attrib["incLanes"].split() for key in by_lane.get(lane, ())]
     check_yields(junction, node, links)
     _restore(root, files["edge-files"])
     for item in root.findall("tlLogic"):
         root.insert(list(root).index(item), signal_program(junction, plan, links))
         root.remove(item)
-    return _network_of(root)
+    return Network(tostring(root))
 
 
 @lru_cache(maxsize=1)
@@ -87,7 +99,7 @@ def straight(length: float) -> Network:
     for name, x in (("start", 0.0), ("end", length)):
         SubElement(nodes, "node", id=name, x=repr(x), y="0")
     SubElement(edges, "edge", {"id": "in0", "from": "start", "to": "end", "numLanes": "1", "speed": repr(FASTEST)})
-    return _network_of(netconvert({"node-files": nodes, "edge-files": edges}, left_hand=False))
+    return Network(tostring(netconvert({"node-files": nodes, "edge-files": edges}, left_hand=False)))
 
 
 def lane_in(junction: Junction, entrance: int) -> tuple[str, int]:
@@ -141,9 +153,8 @@ def _to_line(junction: Junction, entrance: int) -> Segment:
 def _add_arm(junction: Junction, number: int, arm: Arm, nodes: Element, edges: Element) -> None:
     """Add the edges of an arm to the network, and the node at the far end of each edge."""
     ways_in = [_to_line(junction, k) for k in arm.entrances]
-    ways_out = [junction.way_out(k) for k in arm.exits]
-    ways_out = [way.head(min(way.length, EXIT_LENGTH)) for way in ways_out]
-    ranks = [priority(junction.entrances[k].sign) for k in arm.entrances]
+    ways_out = [way.head(min(way.length, EXIT_LENGTH)) for way in map(junction.way_out, arm.exits)]
+    ranks = [RANK[junction.entrances[k].sign] + 1 for k in arm.entrances]  # SUMO's priorities begin at 1
     for edge, far_end, lanes, end in (("in", "from", ways_in, 0), ("out", "to", ways_out, -1)):
         if not lanes:
             continue
@@ -164,19 +175,6 @@ def _add_arm(junction: Junction, number: int, arm: Arm, nodes: Element, edges: E
             part = SubElement(item, "lane", index=str(lane), width=repr(junction.lane_width), shape=_shape(way.points))
             if way.limits:
                 part.set("speed", repr(lane_limit(way, -1 - end)))
-
-
-def _links(junction: Junction, root: Element, node: Element) -> list[Key]:
-    """Return the movement of each link (a connection through SUMO's junction), in the order of SUMO's link numbers."""
-    entrances = {lane_in(junction, k): k for k in range(len(junction.entrances))}
-    exits = {lane_out(junction, k): k for k in range(len(junction.exits))}
-    by_lane: dict[str, list[Key]] = {}
-    for item in root.iter("connection"):
-        start = item.attrib["from"], int(item.attrib["fromLane"])
-        if start in entrances:
-            key = entrances[start], exits[item.attrib["to"], int(item.attrib["toLane"])]
-            by_lane.setdefault(f"{start[0]}_{start[1]}", []).append(key)
-    return [key for lane in node.attrib["incLanes"].split() for key in by_lane.get(lane, ())]
 
 
 def _restore(root: Element, edges: Element) -> None:
@@ -206,11 +204,6 @@ def _shape(points: NDArray[Any]) -> str:
     return " ".join(f"{x!r},{y!r}" for x, y in points.tolist())
 
 
-def _network_of(root: Element) -> Network:
-    text = tostring(root)
-    return Network(text, f"{sha256(text).hexdigest()[:16]}.net.xml")
-
-
 def node_type(junction: Junction) -> str:
     """Return SUMO's node type for a junction, such as ``allway_stop`` (page "Networks/PlainXML" of SUMO, node types)."""
     signs = {entrance.sign for entrance in junction.entrances}
@@ -226,11 +219,6 @@ def node_type(junction: Junction) -> str:
     if lower == {Sign.STOP, Sign.YIELD}:
         raise _unsupported(junction, "stop signs beside yield signs, and SUMO has the same sign at all minor roads")
     return "priority_stop" if lower == {Sign.STOP} else "priority"
-
-
-def priority(sign: Sign) -> int:
-    """Return the priority of an edge that ends at a sign; vehicles give way to vehicles on an edge with a higher priority."""
-    return RANK[sign] + 1  # SUMO's priorities begin at 1
 
 
 def check_yields(junction: Junction, node: Element, links: Sequence[Key]) -> None:
@@ -264,17 +252,13 @@ def signal_program(junction: Junction, plan: SignalPlan, links: Sequence[Key]) -
     logic = Element("tlLogic", id="J", type="static", programID="rvads", offset="0")
     for begin, duration in plan.phases():
         colours = plan.colours(begin, len(junction.entrances))
-        state = "".join(_letter(junction, colours, key) for key in links)
-        SubElement(logic, "phase", duration=f"{duration:g}", state=state)
+        yielding = {lower for lower, higher in junction.yields or {} if colours[higher[0]] is Colour.GREEN}
+        letters = []
+        for key in links:
+            green = "g" if key in yielding else "G"
+            letters.append(green if colours[key[0]] is Colour.GREEN else _LETTERS[colours[key[0]]])
+        SubElement(logic, "phase", duration=f"{duration:g}", state="".join(letters))
     return logic
-
-
-def _letter(junction: Junction, colours: Sequence[Colour], key: Key) -> str:
-    colour = colours[key[0]]
-    if colour is not Colour.GREEN:
-        return _LETTERS[colour]
-    yields = junction.yields or {}
-    return "g" if any(lower == key and colours[higher[0]] is Colour.GREEN for lower, higher in yields) else "G"
 
 
 def netconvert(files: Mapping[str, Element], *, left_hand: bool) -> Element:

@@ -23,8 +23,6 @@ from pytest_rvads.support.errors import RunError
 
 _EMERGENCY = 9.0
 """SUMO's default for the deceleration of a vehicle in an emergency [m/s^2]."""
-
-
 _AHEAD = 100
 """Steps per request if SUMO drives all vehicles; the motions are the same as with single steps."""
 _EXACT = 0.01
@@ -32,23 +30,10 @@ _EXACT = 0.01
 
 
 class SumoWorld:
-    """A `World` in which SUMO drives some vehicles.
+    """A `World` in which SUMO drives the vehicles in some columns, at least one; a column is a position among the agents.
 
     A vehicle of SUMO is in contact with another vehicle if the boxes of the two vehicles overlap. Such a contact has no effect on
     the motions.
-
-    Args:
-        case: the case to simulate.
-        driven: columns (positions among the agents of the case) of the vehicles that SUMO drives, at least one.
-        seed: seed of SUMO's random numbers.
-        attributes: attributes of the vehicle types, see `departures`.
-        vehicles: parameters of the vehicle in each column.
-        starts: initial motion of the vehicle in each column.
-
-    Raises:
-        MapError: the geometry of the junction is not known.
-        ScenarioError: SUMO can't represent the junction.
-        RunError: SUMO or netconvert is not installed or failed.
     """
 
     def __init__(
@@ -71,18 +56,17 @@ class SumoWorld:
         self._plane: World | None = None
         self._sumo = acquire()
         try:
+            if self._ours:
+                self._plane = engines.usual().world([vehicles[k] for k in self._ours], [starts[k] for k in self._ours])
             others = [self._names[column] for column in self._ours]
             row = self._sumo.load(net, departures(case, attributes), self._names, others, seed)
             self._motions = list(starts)
             self._motions = self._motions_from(row, 0)
             self._check_departures(starts)
-            if self._ours:
-                self._plane = engines.usual().world([vehicles[k] for k in self._ours], [starts[k] for k in self._ours])
-                self._copy_motions(self._plane)
         except BaseException:
             self.close()
             raise
-        self._before, self._touching = self._motions, self._contacts_in_plane()
+        self._before = self._motions
 
     def motions(self) -> list[Motion]:
         """Return the present motion of every vehicle."""
@@ -94,28 +78,33 @@ class SumoWorld:
         SUMO's vehicles react to the positions that the other vehicles had before the step.
         """
         self._before = self._motions
-        if self._plane is not None:
-            self._plane.step([force for column in self._ours for force in forces[3 * column : 3 * column + 3]])
-            self._touching = self._contacts_in_plane()
         try:
-            if self._next >= len(self._rows):
-                self._advance()
+            if self._plane is not None:
+                self._plane.step([force for column in self._ours for force in forces[3 * column : 3 * column + 3]])
+                moved = zip(self._ours, self._plane.motions(), strict=True)
+                fronts = {
+                    self._names[column]: self._front(column, motion) for column, motion in moved if column not in self._gone
+                }
+                self._rows, self._next = self._sumo.step(1, fronts, self._leaving), 0
+                self._leaving = []
+            elif self._next >= len(self._rows):
+                self._rows, self._next = self._sumo.step(_AHEAD, {}, []), 0
         except SumoFailed as error:
             raise Halt(self._names[self._driven[0]], str(error), error.detail) from None
         self._motions = self._motions_from(self._rows, self._next)
         self._next += 4 * len(self._names)
-        if self._plane is not None:
-            self._copy_motions(self._plane)
 
     def contacts(self) -> list[tuple[int, int]]:
         """Return the pairs of vehicles that were in contact at the beginning of the latest step."""
-        pairs = set(self._touching)
-        for first, second in combinations(range(len(self._names)), 2):
-            if (
-                (first in self._driven or second in self._driven)
-                and not {first, second} & self._gone
-                and self._overlap(first, second)
-            ):
+        touching = [] if self._plane is None else self._plane.contacts()
+        pairs = {(self._ours[first], self._ours[second]) for first, second in touching}
+        boxes: dict[int, Box] = {}
+        for column, (motion, vehicle) in enumerate(zip(self._before, self._vehicles, strict=True)):
+            if column not in self._gone:
+                x, y, *_ = self._front(column, motion)
+                boxes[column] = Box(x, y, motion.yaw, vehicle.length, vehicle.width)
+        for first, second in combinations(boxes, 2):
+            if (first in self._driven or second in self._driven) and gap(boxes[first], boxes[second]) < 0.0:
                 pairs.add((first, second))
         return sorted(pairs)
 
@@ -132,24 +121,12 @@ class SumoWorld:
             self._plane.close()
         release(self._sumo)
 
-    def _advance(self) -> None:
-        """Let SUMO simulate `_AHEAD` steps, or a single step if there are vehicles that the engine moves."""
-        if self._plane is None:
-            self._rows = self._sumo.step(_AHEAD, {}, [])
-        else:
-            moved = zip(self._ours, self._plane.motions(), strict=True)
-            positions = {self._names[column]: self._front(column, motion) for column, motion in moved if column not in self._gone}
-            self._rows, self._leaving = self._sumo.step(1, positions, self._leaving), []
-        self._next = 0
-
-    def _copy_motions(self, plane: World) -> None:
-        """Take over the motions of the vehicles that the physics engine moves."""
-        for column, motion in zip(self._ours, plane.motions(), strict=True):
-            self._motions[column] = motion
-
     def _motions_from(self, rows: array[float], first: int) -> list[Motion]:
-        """Return the motions of all vehicles, with new motions of SUMO's vehicles from SUMO's answer."""
+        """Return the new motions of all vehicles, those of SUMO's vehicles from SUMO's answer."""
         motions = list(self._motions)
+        if self._plane is not None:
+            for column, motion in zip(self._ours, self._plane.motions(), strict=True):
+                motions[column] = motion
         for column in self._driven:
             x, y, heading, speed = rows[first + 4 * column : first + 4 * column + 4]
             before = motions[column]
@@ -180,21 +157,6 @@ class SumoWorld:
                 )
             self._motions[column] = self._motions[column]._replace(yaw_rate=0.0)
 
-    def _contacts_in_plane(self) -> list[tuple[int, int]]:
-        return (
-            [] if self._plane is None else [(self._ours[first], self._ours[second]) for first, second in self._plane.contacts()]
-        )
-
-    def _overlap(self, first: int, second: int) -> bool:
-        """Return whether the boxes of two vehicles overlapped at the beginning of the latest step."""
-        return gap(self._box(first), self._box(second)) < 0.0
-
-    def _box(self, column: int) -> Box:
-        motion, vehicle = self._before[column], self._vehicles[column]
-        ahead = vehicle.gravity_offset
-        x, y = motion.x + ahead * math.cos(motion.yaw), motion.y + ahead * math.sin(motion.yaw)
-        return Box(x, y, motion.yaw, vehicle.length, vehicle.width)
-
 
 def departures(case: Case, attributes: Mapping[str, str]) -> str:
     """Return the content of SUMO's route file for a case (page "Definition of Vehicles, Vehicle Types, and Routes" of SUMO).
@@ -205,27 +167,34 @@ def departures(case: Case, attributes: Mapping[str, str]) -> str:
     created = scenario.creation.index
     rows = sorted(zip(case.vehicles(), case.starts(), strict=True), key=lambda row: created(row[0].entrance))
     for agent, (distance, speed) in rows:
-        vehicle = case.fleet.of(agent.name)
-        _add_type(root, agent.name, vehicle, scenario.aggression, attributes)
         (start, lane), (end, exit_lane) = lane_in(scenario.place, agent.entrance), lane_out(scenario.place, agent.exit)
+        # SUMO refuses speeds above the limit; vehicles with another driver get their speed in the first step.
+        allowed = min(speed, lane_limit(scenario.place.way_in(agent.entrance), -1))
         # SUMO's position of a vehicle is the position of its front bumper, as in a scenario.
-        place = scenario.place.approach(agent.entrance) - distance
-        speed = min(
-            speed, lane_limit(scenario.place.way_in(agent.entrance), -1)
-        )  # SUMO refuses higher speeds; vehicles with another driver get their speed in the first step
-        _add_vehicle(root, agent.name, (start, end), (lane, exit_lane), place, speed)
+        departure = lane, scenario.place.approach(agent.entrance) - distance, allowed
+        vehicle = case.fleet.of(agent.name)
+        _add_vehicle(root, agent.name, vehicle, scenario.aggression, attributes, (start, end), departure, exit_lane)
     return tostring(root, encoding="unicode")
 
 
 def lone_departure(name: str, speed: float, vehicle: Vehicle, aggression: int, attributes: Mapping[str, str]) -> str:
     """Return the content of a route file with a single vehicle on a straight road, departing at a speed [m/s]."""
     root = Element("routes")
-    _add_type(root, name, vehicle, aggression, attributes)
-    _add_vehicle(root, name, ("in0",), (0, 0), vehicle.length, speed)
+    _add_vehicle(root, name, vehicle, aggression, attributes, ("in0",), (0, vehicle.length, speed), 0)
     return tostring(root, encoding="unicode")
 
 
-def _add_type(root: Element, name: str, vehicle: Vehicle, aggression: int, attributes: Mapping[str, str]) -> None:
+def _add_vehicle(
+    root: Element,
+    name: str,
+    vehicle: Vehicle,
+    aggression: int,
+    attributes: Mapping[str, str],
+    edges: Sequence[str],
+    departure: tuple[int, float, float],
+    exit_lane: int,
+) -> None:
+    """Add a vehicle type and its vehicle, which departs on a lane, at a position [m] and with a speed [m/s]."""
     decel = vehicle.brake[aggression - 1]
     defaults = {
         "length": repr(vehicle.length),
@@ -238,17 +207,15 @@ def _add_type(root: Element, name: str, vehicle: Vehicle, aggression: int, attri
         "speedDev": "0",
     }
     SubElement(root, "vType", {"id": name, **defaults, **attributes})
-
-
-def _add_vehicle(root: Element, name: str, edges: Sequence[str], lanes: tuple[int, int], place: float, speed: float) -> None:
-    attributes = {
+    lane, place, speed = departure
+    departing = {
         "id": name,
         "type": name,
         "depart": "0",
-        "departLane": str(lanes[0]),
+        "departLane": str(lane),
         "departPos": repr(place),
-        "departSpeed": repr(speed),  # SUMO refuses departures above the speed limit
-        "arrivalLane": str(lanes[1]),
+        "departSpeed": repr(speed),
+        "arrivalLane": str(exit_lane),
         "insertionChecks": "none",
     }
-    SubElement(SubElement(root, "vehicle", attributes), "route", edges=" ".join(edges))
+    SubElement(SubElement(root, "vehicle", departing), "route", edges=" ".join(edges))
