@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -91,8 +92,9 @@ class Snapshot:
     """Picture of the state of the violation: the first state after which no continuation of the run satisfies the rule."""
 
 
-def _setup_with(constants: Constants) -> Setup:
-    """Return the settings of the experiment with constants and the waiting time that `crossing_wait` derives from them."""
+def _setup_with(name: str, by: float) -> Setup:
+    """Return the settings with a constant changed, and with the waiting time that `crossing_wait` derives from it."""
+    constants = replace(Constants(), **{name: getattr(Constants(), name) + by})
     return Setup(constants, wait=crossing_wait(Setup(constants)))
 
 
@@ -109,9 +111,9 @@ FREE: dict[str, Free] = {
     "zone, toward exit 1 [m]": Free(lambda by: _setup_with_zone(x=by), 0.06, 0.9, (STOP,)),
     "zone, toward exit 0 [m]": Free(lambda by: _setup_with_zone(y=-by), 0.06, 0.9, (STOP,)),
     "zone, half extent [m]": Free(lambda by: _setup_with_zone(half_x=by, half_y=by), 0.06, 0.9, (STOP,)),
-    "launch [s]": Free(lambda by: _setup_with(replace(Constants(), launch=Constants().launch + by)), 0.02, 0.14),
-    "halt [m]": Free(lambda by: _setup_with(replace(Constants(), halt=Constants().halt + by)), 0.05, 0.35),
-    "braking": Free(lambda by: _setup_with(replace(Constants(), braking=Constants().braking + by)), 0.03, 0.21),
+    "launch [s]": Free(partial(_setup_with, "launch"), 0.02, 0.14),
+    "halt [m]": Free(partial(_setup_with, "halt"), 0.05, 0.35),
+    "braking": Free(partial(_setup_with, "braking"), 0.03, 0.21),
     "draw [s]": Free(lambda by: Setup(wait=round(Setup().wait + by, 6)), 0.01, 0.15, (LIGHT,)),
 }
 SHOWN: Mapping[str, Entry] = {
@@ -268,13 +270,25 @@ def snapshot(run: Run, rule: str, constants: Constants) -> Snapshot:
     violated = [instance for instance in verdict.instances if instance.failed == tick]
     guilty = [name for instance in violated for name in instance.responsible]
     names = {name for _, name in violated[0].binding}
-    involved = [column for column, agent in enumerate(run.agents) if agent.name in names]
     heads = {tick - 1: f"{rule}, t-1 = {(tick - 1) * run.dt:.2f} s", tick: f"{rule} broken, t = {tick * run.dt:.2f} s"}
-    before, after = (
-        _shaded(picture(run, t, f"{head}: {', '.join(_where(run, t, column) for column in involved)}", guilty), run, constants)
-        for t, head in heads.items()
-    )
-    return Snapshot(rule, before, after)
+    # Junctions with lights have no scheduler.
+    zone = zone_of(run.junction, constants, hidden=True) if run.junction.control is JunctionControl.STOP else None
+    pictures = []
+    for at, head in heads.items():
+        places = []
+        for agent, number in zip(run.agents, run.zone[at].tolist(), strict=True):
+            if agent.name in names:
+                words = {Zone.APPROACH: f"before entrance {agent.entrance}", Zone.ENTRANCE: f"at entrance {agent.entrance}"}
+                words[Zone.JUNCTION] = "in the junction"
+                places.append(f"{agent.name} {words.get(Zone(number), 'past the junction')}")
+        svg = picture(run, at, f"{head}: {', '.join(places)}", guilty)
+        if isinstance(zone, Box):
+            points = " ".join(f"{x:.2f},{-y:.2f}" for x, y in zone.corners())
+            polygon = f'<polygon class="zone" points="{points}" fill="#444" fill-opacity="0.25"/>'
+            # The zone is drawn above the road and below the vehicles.
+            svg = svg.replace('<polyline class="trail"', polygon + '<polyline class="trail"', 1)
+        pictures.append(svg)
+    return Snapshot(rule, *pictures)
 
 
 def _margin(entry: Entry) -> int:
@@ -285,35 +299,14 @@ def _farthest_move(job: tuple[str, float, Mapping[Key, str]]) -> float:
     """Return the greatest change of a constant in one direction that changes no cell."""
     name, sign, base = job
     free = FREE[name]
-    steps = 0
-    while steps < round(free.limit / free.resolution) and _same_verdicts(free, sign * (steps + 1) * free.resolution, base):
-        steps += 1
-    return round(sign * steps * free.resolution, 6)
-
-
-def _same_verdicts(free: Free, by: float, base: Mapping[Key, str]) -> bool:
-    setup = free.move(by)
     # The configurations with the smallest margins are simulated first, because their verdicts are the first to change.
     order = [
         entry for letters in ("CFJ", "BEG", "ADHI") for t in free.tables for entry in entries(t) if entry.configuration in letters
     ]
-    return all(base[entry.key(rule)] == value for entry in order for rule, value in judge((entry, setup)).items())
-
-
-def _where(run: Run, tick: int, column: int) -> str:
-    """Return the name and the position of a vehicle in words, such as ``a0 at entrance 0``."""
-    agent, zone = run.agents[column], Zone(run.zone[tick, column])
-    places = {Zone.APPROACH: f"before entrance {agent.entrance}", Zone.ENTRANCE: f"at entrance {agent.entrance}"}
-    return f"{agent.name} {places.get(zone, 'in the junction' if zone is Zone.JUNCTION else 'past the junction')}"
-
-
-def _shaded(svg: str, run: Run, constants: Constants) -> str:
-    """Add the scheduler's zone to a picture, above the road and below the vehicles; junctions with lights have no scheduler."""
-    if run.junction.control is not JunctionControl.STOP:
-        return svg
-    zone = zone_of(run.junction, constants, hidden=True)
-    if not isinstance(zone, Box):
-        return svg
-    points = " ".join(f"{x:.2f},{-y:.2f}" for x, y in zone.corners())
-    polygon = f'<polygon class="zone" points="{points}" fill="#444" fill-opacity="0.25"/>'
-    return svg.replace('<polyline class="trail"', polygon + '<polyline class="trail"', 1)
+    steps = 0
+    while steps < round(free.limit / free.resolution):
+        setup = free.move(sign * (steps + 1) * free.resolution)
+        if any(base[entry.key(rule)] != value for entry in order for rule, value in judge((entry, setup)).items()):
+            break
+        steps += 1
+    return round(sign * steps * free.resolution, 6)

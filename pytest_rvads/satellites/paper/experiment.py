@@ -24,8 +24,6 @@ from pytest_rvads.support.errors import RunError
 
 _DRAW_CLASS = 4
 """Number of the class whose published verdict in configuration J holds only for certain random waiting times."""
-
-
 ROWS = 4
 """Number of rows per class in a table: a row per rotation of the class's scenario through the four entrances."""
 WAIT = 3.32
@@ -51,8 +49,6 @@ class Table:
 STOP = Table("stop4", "paper_stop4", {1: "2111", 2: "3111"}, "ABCDE", ("p1", "p2", "p3"), 30.0)
 LIGHT = Table("light4", "paper_light4", {3: "1233", 4: "2121"}, "FGHIJ", ("p4", "p5", "p6"), 40.0)
 TABLES = (STOP, LIGHT)
-
-
 Key = tuple[int, int, str, str]
 """A cell of a table: class, row (0 for row 1), configuration, rule."""
 
@@ -161,9 +157,6 @@ def crossing_wait(setup: Setup | None = None) -> float:
     a narrow window: this vehicle must enter while the vehicle with green is in its own entrance zone. A run with the longest
     possible wait shows when the crossing vehicle is in its entrance zone, and how long the turning vehicle needs from the end of
     its wait to the line. The returned wait is in the middle of the window.
-
-    Args:
-        setup: settings of the run; the settings of the paper by default.
     """
     setup = setup or Setup()
     longest = RED_WAIT[1]

@@ -15,8 +15,6 @@ from pytest_rvads.support.storage import write_file
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from pytest_rvads.satellites.paper.experiment import Setup
-
 
 def declare(commands: Subparsers) -> None:
     """Add the command ``rvads paper`` to the parser."""
@@ -38,34 +36,25 @@ def declare(commands: Subparsers) -> None:
 
 
 def _paper(options: argparse.Namespace) -> int:
-    with opened_executor(options) as executor:
-        return _tables(options, executor)
-
-
-def _tables(options: argparse.Namespace, executor: Executor | int | None) -> int:
     from pytest_rvads.satellites.paper import tables
+    from pytest_rvads.satellites.paper.experiment import Setup
+    from pytest_rvads.simulators.simulator import named
 
-    if options.what == "sweep":
-        shares = tables.sweep(_setup(options), executor=executor, progress=progress_for(options))
-        print(json.dumps(tables.nested(shares)) if options.json else tables.text_sweep(shares))
-        return 0
-    if options.what != "tables":
-        return _evidence(options, executor)
-    verdicts = tables.compute(_setup(options), executor=executor, progress=progress_for(options))
+    with opened_executor(options) as executor:
+        if options.what not in ("tables", "sweep"):
+            return _evidence(options, executor)
+        named(options.simulator, Path.cwd())  # an unknown simulator is an error before a run is simulated
+        setup = Setup(simulator=options.simulator)
+        if options.what == "sweep":
+            shares = tables.sweep(setup, executor=executor, progress=progress_for(options))
+            print(json.dumps(tables.nested(shares)) if options.json else tables.text_sweep(shares))
+            return 0
+        verdicts = tables.compute(setup, executor=executor, progress=progress_for(options))
     # The tables are printed before the picture is written, so that an error of writing does not suppress the tables.
     print(json.dumps(tables.nested(verdicts)) if options.json else tables.text_tables(verdicts), flush=True)
     if options.svg:
         write_file(Path(options.svg), tables.svg_tables(verdicts).encode())
     return int(bool(tables.disagreements(verdicts)))
-
-
-def _setup(options: argparse.Namespace) -> Setup:
-    """Return the settings that all runs of the tables share."""
-    from pytest_rvads.satellites.paper.experiment import Setup
-    from pytest_rvads.simulators.simulator import named
-
-    named(options.simulator, Path.cwd())  # an unknown simulator is an error before a run is simulated
-    return Setup(simulator=options.simulator)
 
 
 def _evidence(options: argparse.Namespace, executor: Executor | int | None) -> int:

@@ -43,8 +43,6 @@ _CLASS_2 = {"A": "F F -", "B": "F F -", "C": "FFPF F -", "D": "? F -", "E": "? F
 _CLASS_3 = {"F": "F - F", "G": "P - F", "H": "P - F", "I": "P - F", "J": "P - F"}
 _CLASS_4 = {"F": "- P -", "G": "- P -", "H": "- - -", "I": "- - -", "J": "- F -"}
 _CLASSES = {1: (STOP, _CLASS_1), 2: (STOP, _CLASS_2), 3: (LIGHT, _CLASS_3), 4: (LIGHT, _CLASS_4)}
-
-
 Shares = dict[str, float]
 """For each of the verdicts FAIL, PASS and NA, its share of the tried waiting times."""
 SWEEP_STEP = 0.05
@@ -63,12 +61,7 @@ def compute(
     executor: Executor | int | None = None,
     progress: Progress | None = None,
 ) -> dict[Key, str]:
-    """Return the verdict of every cell: PASS, FAIL or NA.
-
-    Args:
-        setup: settings of all runs (constants, deficiencies, waiting time); the settings of the paper by default.
-        numbers: the paper's numbers of the classes to compute.
-    """
+    """Return the verdict PASS, FAIL or NA of every cell of some classes, by default in runs with the settings of the paper."""
     chosen_entries = [entry for table in tables for entry in entries(table) if entry.number in numbers]
     jobs = [(entry, setup or Setup()) for entry in chosen_entries]
     verdicts: dict[Key, str] = {}
@@ -169,11 +162,15 @@ def text_tables(verdicts: Mapping[Key, str]) -> str:
     """Return both tables of the paper as text, followed by a summary."""
     lines = []
     for table in TABLES:
-        lines += [_title(table), *_table_head(table)]
+        groups = " | ".join(f"{letter:<17}" for letter in table.configurations)
+        rules = " | ".join(" ".join(f"{rule:<5}" for rule in table.rules) for _ in table.configurations)
+        lines += [_title(table), f"{'':>23} | {groups}".rstrip(), f"class  {'scenario':<16} | {rules}".rstrip()]
         for number, row, scenario in _rows(table):
-            name = f"{number if row == 0 else '':>5}  {scenario:<16}"
-            cells = (_group(verdicts, table, number, row, letter) for letter in table.configurations)
-            lines.append(" | ".join([name, *cells]).rstrip())
+            cells = [f"{number if row == 0 else '':>5}  {scenario:<16}"]
+            for letter in table.configurations:
+                words = (_marked_word(verdicts, (number, row, letter, rule)) for rule in table.rules)
+                cells.append(" ".join(f"{word:<5}" for word in words))
+            lines.append(" | ".join(cells).rstrip())
         lines.append("")
     return "\n".join([*lines, *_summary_lines(verdicts)])
 
@@ -198,19 +195,20 @@ def svg_tables(verdicts: Mapping[Key, str]) -> str:
     for table in TABLES:
         body.append(text(20, y, _title(table), font_weight="bold"))
         y += 26
-        columns = [(letter, rule) for letter in table.configurations for rule in table.rules]
+        pairs = [(letter, rule) for letter in table.configurations for rule in table.rules]
+        columns = [(190.0 + 46 * k, letter, rule) for k, (letter, rule) in enumerate(pairs)]
         body.append(text(20, y, "class", fill="#444"))
-        body += [text(_x(k), y - 14, letter, font_weight="bold") for k, (letter, _) in enumerate(columns) if k % 3 == 0]
-        body += [text(_x(k), y, rule, fill="#444") for k, (_, rule) in enumerate(columns)]
+        body += [text(x, y - 14, letter, font_weight="bold") for x, letter, _ in columns[::3]]
+        body += [text(x, y, rule, fill="#444") for x, _, rule in columns]
         body.append(polyline([(20, y + 6), (wide, y + 6)], stroke="#222"))
         for number, row, scenario in _rows(table):
             y += 20
             body += [text(20, y, str(number) if row == 0 else ""), text(50, y, scenario)]
-            for k, (letter, rule) in enumerate(columns):
+            for x, letter, rule in columns:
                 key = number, row, letter, rule
                 word = _marked_word(verdicts, key)
                 style = {"font_weight": "bold"} if word.endswith(MARK) else {}
-                body.append(text(_x(k), y, word, fill=_COLOURS[verdicts[key]], **style))
+                body.append(text(x, y, word, fill=_COLOURS[verdicts[key]], **style))
             if row == ROWS - 1:
                 body.append(polyline([(20, y + 6), (wide, y + 6)], stroke="#bbb"))
         y += 40
@@ -220,19 +218,9 @@ def svg_tables(verdicts: Mapping[Key, str]) -> str:
     return document(wide + 20, y, body)
 
 
-def _x(column: int) -> float:
-    return 190.0 + 46 * column
-
-
 def _title(table: Table) -> str:
     kind = "stop" if table.name == "stop4" else "traffic light"
     return f"4-way {kind} junction ({table.junction}), LGSVL-like autopilot, one draw of {WAIT:g} s for all runs"
-
-
-def _table_head(table: Table) -> list[str]:
-    groups = " | ".join(f"{letter:<17}" for letter in table.configurations)
-    rules = " | ".join(" ".join(f"{rule:<5}" for rule in table.rules) for _ in table.configurations)
-    return [f"{'':>23} | {groups}".rstrip(), f"class  {'scenario':<16} | {rules}".rstrip()]
 
 
 def _rows(table: Table) -> Iterator[tuple[int, int, str]]:
@@ -240,10 +228,6 @@ def _rows(table: Table) -> Iterator[tuple[int, int, str]]:
         for row in range(ROWS):
             placed = rotate(parse(directions), row)
             yield number, row, " ".join(f"{entrance}d{d}" for entrance, d in enumerate(placed))
-
-
-def _group(verdicts: Mapping[Key, str], table: Table, number: int, row: int, letter: str) -> str:
-    return " ".join(f"{_marked_word(verdicts, (number, row, letter, rule)):<5}" for rule in table.rules)
 
 
 def _marked_word(verdicts: Mapping[Key, str], key: Key) -> str:
