@@ -9,7 +9,6 @@ crossing, and its speed becomes negative.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -35,58 +34,45 @@ _REACH = SIDEWALK - PERSON
 
 
 class CrossingMatcher:
-    """Matches pedestrians to the crossings of a junction.
-
-    Args:
-        junction: a junction with crossings among its further ways, see `Junction.walked`.
-    """
+    """Matches pedestrians to the crossings of a junction that has them among its further ways, see `Junction.walked`."""
 
     def __init__(self, junction: Junction) -> None:
         ways = [way for way, _, _ in junction.further if isinstance(way, Crossing)]
         there, back = ([Itinerary.through(junction, *way.key) for way in ways if way.side is side] for side in Side)
-        self._both = list(zip(map(Line.of, there), back, strict=True))
-        self._areas = [crosswalk.area for crosswalk in junction.crossings]
+        areas = [crosswalk.area for crosswalk in junction.crossings]
+        self._crosswalks = list(zip(map(Line.of, there), back, areas, strict=True))
 
     def match(self, walker: Samples, points: _Values, ahead: float) -> list[Matched]:
         """Return each walk of a pedestrian over a crosswalk, in the order of their times.
 
-        Args:
-            points: recorded point of the pedestrian on the map, shape ``(samples, 2)`` [m].
-            ahead: distance from the recorded point to the front of the body [m].
+        The recorded points on the map have the shape ``(samples, 2)`` [m]; the front of the body is `ahead` of them [m].
         """
-        walks = [walk for number in range(len(self._both)) for walk in self._over(number, walker.times, points, ahead)]
+        walks = []
+        for line, back, area in self._crosswalks:
+            length, (_, sides) = line.way.length, line.project(area)
+            low, high = sides.min() - _BESIDE, sides.max() + _BESIDE
+            station, lateral = line.project(points)
+            near = np.flatnonzero((lateral >= low) & (lateral <= high) & (station >= -_REACH) & (station <= length + _REACH))
+            for part in unbroken(walker.times[near]):
+                if len(near[part]) < 2:
+                    continue
+                rows = slice(int(near[part][0]), int(near[part][-1]) + 1)
+                along, beside = np.clip(station[rows], -_REACH, length + _REACH), lateral[rows]
+                road = (along > 0.0) & (along < length)
+                stepped = bool(((along >= _STEPPED) & (along <= length - _STEPPED)).any())
+                # Who rides in a vehicle, or walks along the road, moves across the crosswalk and not along it.
+                if not stepped or np.ptp(beside[road]) > max(np.ptp(along[road]), (high - low) / 2):
+                    continue
+                if along[0] >= length or (along[0] > 0.0 and along[-1] < along[0]):
+                    along, beside, way = length - along, -beside, back
+                else:
+                    way = line.way
+                walks.append(Matched(way, rows, along + ahead, beside, float(np.sqrt((beside**2).mean()))))
         return sorted(walks, key=lambda walk: walk.rows.start)
-
-    def _over(self, number: int, times: _Values, points: _Values, ahead: float) -> Iterator[Matched]:
-        """Yield the walks over the crosswalk with this number."""
-        line, back = self._both[number]
-        length, (_, sides) = line.way.length, line.project(self._areas[number])
-        low, high = sides.min() - _BESIDE, sides.max() + _BESIDE
-        station, lateral = line.project(points)
-        near = np.flatnonzero((lateral >= low) & (lateral <= high) & (station >= -_REACH) & (station <= length + _REACH))
-        for part in unbroken(times[near]):
-            if len(near[part]) < 2:
-                continue
-            rows = slice(int(near[part][0]), int(near[part][-1]) + 1)
-            along, beside = np.clip(station[rows], -_REACH, length + _REACH), lateral[rows]
-            road = (along > 0.0) & (along < length)
-            stepped = bool(((along >= _STEPPED) & (along <= length - _STEPPED)).any())
-            # Who rides in a vehicle, or walks along the road, moves across the crosswalk and not along it.
-            if not stepped or np.ptp(beside[road]) > max(np.ptp(along[road]), (high - low) / 2):
-                continue
-            if along[0] >= length or (along[0] > 0.0 and along[-1] < along[0]):
-                along, beside, way = length - along, -beside, back
-            else:
-                way = line.way
-            yield Matched(way, rows, along + ahead, beside, float(np.sqrt((beside**2).mean())))
 
 
 def track_on_foot(agent: Agent, walker: Samples, walk: Matched, points: _Values, ahead: float, accuracy: float) -> Track:
-    """Return the track of a pedestrian along a crossing, see `track_of`.
-
-    Args:
-        accuracy: standard deviation of a coordinate [m].
-    """
+    """Return the track of a pedestrian along a crossing, see `track_of`; `accuracy` is that of a coordinate [m]."""
     fronts = points.copy()
     fronts[walk.rows] += ahead * walk.way.centre(walk.station)[1]
     return track_of(agent, replace(walker, speed=None), walk, fronts, None, accuracy)

@@ -40,6 +40,7 @@ def read_csv(
         rows = rows_of(source)
         names = next(rows, (0, []))[1]
         fields = columns_of(columns, names, source.where, preset=preset)
+        rows = _of_fcd(rows, names) if preset == "fcd" else rows
         return log_of(_batches(rows, names, fields), fields, source.where, strict=strict, classes=classes)
 
 
@@ -48,15 +49,6 @@ def is_fcd_table(path: Path) -> bool:
     with opened(path) as source:
         names = next(source.chunks(), b"").partition(b"\n")[0]
     return b"timestep_time" in names and b"vehicle_id" in names
-
-
-def read_fcd_table(path: Path, columns: Mapping[str, str] | None, *, strict: bool, watch: Watch | None) -> Log:
-    """Return the vehicles and persons in floating car data of SUMO as CSV; the XML of SUMO has the same conventions."""
-    with opened(path, watch) as source:
-        rows = rows_of(source)
-        names = next(rows)[1]
-        fields = columns_of(columns, names, source.where, preset="fcd")
-        return log_of(_batches(_of_fcd(rows, names), names, fields), fields, source.where, strict=strict)
 
 
 def _of_fcd(rows: Iterator[tuple[int, list[str]]], names: Sequence[str]) -> Iterator[tuple[int, list[str]]]:

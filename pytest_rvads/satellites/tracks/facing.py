@@ -7,12 +7,11 @@ vehicle moves. While the vehicle stands, this direction is noise, or zero.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import islice
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pytest_rvads.runs.states import Kind
 from pytest_rvads.satellites.tracks.matching import STEP, Line, directions
@@ -40,8 +39,15 @@ def agreement(log: Log) -> tuple[float, float]:
     Both are medians over vehicles, and 1 without such vehicles. For a standing vehicle, its directions before and after count.
     """
     moving, standing = [1.0], [1.0]
-    for vehicle, reach in islice(_comparable(log), _COMPARED):
-        cosines, speeds = np.cos(np.asarray(vehicle.heading) - directions(vehicle.points)), _speeds(vehicle)
+    # The headings of pedestrians are not used.
+    headed = (vehicle for vehicle in log.vehicles if vehicle.heading is not None and vehicle.kind is not Kind.PEDESTRIAN)
+    reaches = ((vehicle, float(np.hypot(*(vehicle.points - vehicle.points[0]).T).max())) for vehicle in headed)
+    for vehicle, reach in islice(((vehicle, reach) for vehicle, reach in reaches if reach >= STEP), _COMPARED):
+        cosines = np.cos(np.asarray(vehicle.heading) - directions(vehicle.points))
+        times = vehicle.times
+        early, late = (np.clip(times + by, times[0], times[-1]) for by in (-_AROUND, _AROUND))
+        x, y = (np.interp(late, times, values) - np.interp(early, times, values) for values in vehicle.points.T)
+        speeds = np.hypot(x, y) / (late - early)
         moves, stands = speeds >= 2 * _SLOW, speeds < _SLOW
         moving += [float(cosines[moves].mean())] if reach >= _SHORTEST_DRIVE and moves.any() else []
         standing += [float(cosines[stands].mean())] if stands.any() else []
@@ -67,11 +73,7 @@ def with_headings(log: Log) -> Log:
 
 
 def faced(vehicle: Samples, lines: Sequence[Line], offset: tuple[float, float]) -> Samples:
-    """Return a vehicle that never moves with the heading of the nearest way, if its own headings are those of no way there.
-
-    Args:
-        offset: numbers added to x and y of the vehicle [m].
-    """
+    """Return a vehicle that never moves with the heading of the nearest way, if its own headings are those of no way there."""
     if np.hypot(*(vehicle.points - vehicle.points[0]).T).max() >= STEP:
         return vehicle
     point = vehicle.points.mean(axis=0, keepdims=True) + offset
@@ -81,21 +83,3 @@ def faced(vehicle: Samples, lines: Sequence[Line], offset: tuple[float, float]) 
     if vehicle.heading is not None and any(np.cos(vehicle.heading - ahead).mean() >= LEAST_AGREEMENT for ahead in headings):
         return vehicle
     return replace(vehicle, heading=np.full(len(vehicle.times), headings[0]))
-
-
-def _speeds(vehicle: Samples) -> NDArray[np.float64]:
-    """Return the mean speed of a vehicle around each sample, shape ``(samples,)`` [m/s]."""
-    times = vehicle.times
-    early, late = (np.clip(times + by, times[0], times[-1]) for by in (-_AROUND, _AROUND))
-    x, y = (np.interp(late, times, values) - np.interp(early, times, values) for values in vehicle.points.T)
-    speeds: NDArray[np.float64] = np.hypot(x, y) / (late - early)
-    return speeds
-
-
-def _comparable(log: Log) -> Iterator[tuple[Samples, float]]:
-    """Yield the vehicles with headings that move, each with its greatest distance from its first place [m]."""
-    for vehicle in log.vehicles:
-        if vehicle.heading is not None and vehicle.kind is not Kind.PEDESTRIAN:  # the headings of pedestrians are not used
-            reach = float(np.hypot(*(vehicle.points - vehicle.points[0]).T).max())
-            if reach >= STEP:
-                yield vehicle, reach

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import count
@@ -18,7 +17,7 @@ from pytest_rvads.runs.states import Colour
 from pytest_rvads.satellites.tracks.csvfile import rows_of, wrong_cells
 from pytest_rvads.satellites.tracks.source import opened
 from pytest_rvads.support.errors import RunError
-from pytest_rvads.support.storage import read_xml
+from pytest_rvads.support.storage import number_in, read_xml
 from pytest_rvads.support.wording import one_line
 
 _COLOURS = {
@@ -90,7 +89,17 @@ def lights_at(junction: Junction, recorded_lights: Mapping[str, Changes]) -> dic
     for name, changes in recorded_lights.items():
         for entrance in (number for number in signals.get(name, ()) if number < len(junction.starts)):
             by_entrance.setdefault(entrance, []).append(changes)
-    return {entrance: _common_colour(lights) for entrance, lights in sorted(by_entrance.items())}
+    common: dict[int, Changes] = {}
+    for entrance, lights in sorted(by_entrance.items()):
+        common[entrance] = lights[0]
+        if len(lights) > 1:
+            times = np.unique(np.concatenate([light.times for light in lights]))
+            with_none = [np.concatenate(([Colour.NONE], light.colours)) for light in lights]
+            places = [np.searchsorted(light.times, times, side="right") for light in lights]
+            colours = np.stack([known[place] for known, place in zip(with_none, places, strict=True)])
+            equal = (colours == colours[0]).all(axis=0)
+            common[entrance] = Changes(times, np.where(equal, colours[0], Colour.NONE).astype(np.int8))
+    return common
 
 
 def with_lights(junction: Junction, recorded_lights: Mapping[str, Changes]) -> Junction:
@@ -108,15 +117,6 @@ def with_lights(junction: Junction, recorded_lights: Mapping[str, Changes]) -> J
     lanes = enumerate(junction.entrances)
     lights = (replace(lane, sign=Sign.LIGHTS, phase=phases[k], sign_setback=None) if k in phases else lane for k, lane in lanes)
     return replace(junction, entrances=tuple(lights))
-
-
-def _common_colour(lights: list[Changes]) -> Changes:
-    if len(lights) == 1:
-        return lights[0]
-    times = np.unique(np.concatenate([light.times for light in lights]))
-    with_none = [np.concatenate(([Colour.NONE], light.colours)) for light in lights]
-    colours = np.stack([k[np.searchsorted(light.times, times, side="right")] for k, light in zip(with_none, lights, strict=True)])
-    return Changes(times, np.where((colours == colours[0]).all(axis=0), colours[0], Colour.NONE).astype(np.int8))
 
 
 def _read_csv_lights(path: Path) -> dict[str, Changes]:
@@ -142,10 +142,7 @@ def _read_csv_lights(path: Path) -> dict[str, Changes]:
 
 
 def _add_colour(colours_by_signal: dict[str, list[tuple[float, Colour]]], time: str, name: str, colour: str, where: str) -> None:
-    try:
-        seconds = float(time)
-    except ValueError:
-        seconds = math.nan
+    seconds = number_in(time)
     if not abs(seconds) <= 1e12:
         raise RunError(f"{where}, column time: {time!r:.60} is no time in seconds")
     if colour.lower() not in _COLOUR:

@@ -64,11 +64,7 @@ FORMATS: dict[str, Format] = {
 
 
 def formats() -> dict[str, Format]:
-    """Return all formats by name: the formats of this package, and the entry points of the group ``rvads.logs``.
-
-    Raises:
-        RvadsError: an entry point can't be loaded.
-    """
+    """Return all formats by name: the formats of this package, and the entry points of the group ``rvads.logs``."""
     return FORMATS | {name: load("logs", name) for name in entries("logs")}
 
 
@@ -81,56 +77,35 @@ def read_log(
     strict: bool = False,
     watch: Watch | None = None,
 ) -> tuple[Log, Point]:
-    """Return the vehicles of a file or table, and the recorded point of the vehicles.
-
-    Args:
-        source: path of a file, or a table in memory.
-        format: name of a format; None to choose the format by the suffix of the file.
-        columns: column per field, see `columns_of`.
-        classes: kind of road user per class of the log.
-        strict: whether a bad row is an error; without `strict`, a vehicle with a bad row is left out.
-        watch: function that is called with the number of bytes read so far and the number of all bytes, or None.
-
-    Raises:
-        RunError: the source can't be read, the format is not known, or most headings differ from the direction of motion.
-    """
+    """Return the vehicles of a file or table, and the recorded point of the vehicles; `read_tracks` explains the arguments."""
     if is_table(source):
         if format is not None and format not in PRESETS and format != "csv":
             raise RunError(f"the format of a table in memory must be csv, {' or '.join(PRESETS)}, got {format!r:.60}")
-        table = read_table(source, columns, strict=strict, preset=format if format in PRESETS else None)
-        return _finished(table, classes or {}), FORMATS[format or "csv"].point
-    try:
-        path = Path(source)
-    except TypeError:
-        raise RunError(f"tracks must come from a file or a table, got {type(source).__name__}") from None
-    log_format = format_of(path, format)
-    log = log_format.read(path, columns, strict=strict, watch=watch)
-    return _finished(log, classes or {}), log_format.point
-
-
-def _finished(log: Log, classes: Mapping[str, str]) -> Log:
-    """Return a log with kinds of road users for its classes, and with headings; headings of degrees are compared on the map."""
-    log = log.of_kinds(classes)
-    return log if log.degrees else with_headings(log)
+        log_format = FORMATS[format or "csv"]
+        log = read_table(source, columns, strict=strict, preset=format if format in PRESETS else None)
+    else:
+        try:
+            path = Path(source)
+        except TypeError:
+            raise RunError(f"tracks must come from a file or a table, got {type(source).__name__}") from None
+        log_format = format_of(path, format)
+        log = log_format.read(path, columns, strict=strict, watch=watch)
+    log = log.of_kinds(classes or {})
+    return log if log.degrees else with_headings(log), log_format.point  # headings of degrees are compared on the map
 
 
 def format_of(path: Path, format: str | None) -> Format:
     """Return the named format, or without a name the format of a file by its suffix.
 
     XML is CommonRoad if its root says so. CSV with the columns of SUMO's floating car data is such data.
-
-    Raises:
-        RunError: the name or the suffix is not known, or an XML file can't be read.
     """
     known_formats = formats()
     if format is not None and format not in known_formats:
         raise RunError(
             f"{format!r:.60} is no format of tracks, known are {', '.join(known_formats)}{suggest(str(format), known_formats)}"
         )
-    name = format or ("rosbag" if path.is_dir() else "")
-    if not name:
-        by_suffix = (known for known, entry in known_formats.items() if path.name.lower().endswith(entry.suffixes))
-        name = next(by_suffix, "")
+    by_suffix = (known for known, entry in known_formats.items() if path.name.lower().endswith(entry.suffixes))
+    name = format or ("rosbag" if path.is_dir() else next(by_suffix, ""))
     if not name:
         suffixes = ", ".join(suffix for entry in known_formats.values() for suffix in entry.suffixes)
         raise RunError(

@@ -98,13 +98,8 @@ class Line:
     def project(self, points: _Values, heading: _Values | None = None) -> tuple[_Values, _Values]:
         """Project each point onto the nearest piece of the line that does not lead against the heading of the vehicle.
 
-        Args:
-            points: positions of a vehicle, shape ``(points, 2)`` [m].
-            heading: headings of the vehicle, shape ``(points,)`` [rad]; None if every piece can be the nearest.
-
-        Returns:
-            Stations, and distances from the line, positive to the left, both of shape ``(points,)`` [m]. A distance is infinite
-            if every piece leads against the heading.
+        The results are stations, and distances from the line, positive to the left [m]. A distance is infinite if every piece
+        leads against the heading [rad]; without a heading, every piece can be the nearest.
         """
         facing = None if heading is None else np.stack((np.cos(heading), np.sin(heading)), axis=1)
         station, offset = np.empty(len(points)), np.empty(len(points))
@@ -141,11 +136,8 @@ class Matcher:
     def match(self, vehicle: Samples, points: _Values, heading: _Values) -> Iterator[Matched | str]:
         """Yield each pass of a vehicle through the junction, or the reason why nothing is known of its way.
 
-        If several ways from the same entrance are equally near, a pass is on the nearest of them, and has a `Matched.doubt`.
-
-        Args:
-            points: middle of the front bumper, shape ``(samples, 2)`` [m].
-            heading: heading of the vehicle, shape ``(samples,)`` [rad].
+        If several ways from the same entrance are equally near, a pass is on the nearest of them, and has a `Matched.doubt`. The
+        points are the middle of the front bumper in each sample, shape ``(samples, 2)`` [m].
         """
         if float(np.hypot(*(points - self.centre).T).min()) > self._radius:
             yield NEVER
@@ -169,11 +161,13 @@ class Matcher:
         inside = (
             (np.abs(offset[nearest, column]) <= _FARTHEST_SAMPLE) & (nearest_station > 0.0) & (nearest_station < lengths[nearest])
         )
-        cuts = _pass_starts(np.flatnonzero(inside))
-        if not cuts and not bool(((np.abs(offset) <= _FARTHEST_SAMPLE) & (station <= 0.0)).any()):
+        numbers = np.flatnonzero(inside)
+        if not len(numbers) and not bool(((np.abs(offset) <= _FARTHEST_SAMPLE) & (station <= 0.0)).any()):
             yield BEHIND if bool((np.abs(offset) <= _FARTHEST_SAMPLE).any()) else NEVER
             return
-        bounds = [0, *(int(picked[cut]) for cut in cuts[1:]), len(points)]
+        exits = np.flatnonzero(np.diff(numbers) > _SHORTEST_ABSENCE / STEP)
+        cuts = (numbers[exits] + numbers[exits + 1]) // 2
+        bounds = [0, *picked[cuts].tolist(), len(points)]
         for begin, end in pairwise(bounds):
             of_pass = (picked >= begin) & (picked < end)
             chosen, doubt = self._choose(station[:, of_pass], offset[:, of_pass])
@@ -184,9 +178,7 @@ class Matcher:
     def _choose(self, station: _Values, offset: _Values) -> tuple[list[Line], str]:
         """Return the ways from one entrance that a pass can be on, nearest first, and the reason if it is not a single way.
 
-        Args:
-            station: stations of the points of the pass on each way, shape ``(ways, points)`` [m].
-            offset: distances of the points from each way, positive to the left, shape ``(ways, points)`` [m].
+        Stations and offsets of the points of the pass on each way have the shape ``(ways, points)`` [m].
         """
         ends = np.array([line.way.end for line in self.lines])[:, None]
         starts = np.array([max(-line.way.origin, -_DECISIVE_APPROACH) for line in self.lines])[:, None]
@@ -227,9 +219,6 @@ def directions(points: _Values) -> _Values:
     """Return the headings of a vehicle, derived from its positions, shape ``(samples,)`` [rad].
 
     A standing vehicle keeps its heading; the headings of a vehicle that never moves by `STEP` are 0.
-
-    Args:
-        points: positions of the vehicle, shape ``(samples, 2)`` [m].
     """
     picked = evenly_spaced(points)
     if len(picked) < 2:
@@ -256,14 +245,6 @@ def unbroken(times: _Values) -> list[slice]:
     limit = min(max(_GAP, 5.0 * float(np.median(steps))), _LONGEST_GAP) if len(steps) else _GAP
     bounds = [0, *(np.flatnonzero(steps > limit) + 1).tolist(), len(times)]
     return [slice(begin, end) for begin, end in pairwise(bounds)]
-
-
-def _pass_starts(inside: NDArray[np.int64]) -> list[int]:
-    """Return the numbers of the points of a track at which its passes through the junction begin."""
-    if not len(inside):
-        return []
-    exits = np.flatnonzero(np.diff(inside) > _SHORTEST_ABSENCE / STEP)
-    return [0, *((inside[exits] + inside[exits + 1]) // 2).tolist()]
 
 
 _SHORTEST_ABSENCE = 20.0
@@ -355,7 +336,7 @@ def track_of(
 
     Args:
         points: middle of the front bumper in all samples, shape ``(samples, 2)`` [m].
-        heading: heading in all samples, shape ``(samples,)`` [rad]; None to derive the headings from the way.
+        heading: heading in all samples, shape ``(samples,)`` [rad]; None if front and rear are on the way.
         accuracy: standard deviation of a coordinate [m]; with 0, the positions are not smoothed.
         late: time by which the speeds lag behind the positions [s], see `delay_of`.
         noise: standard deviation of a recorded speed [m/s]; None to estimate it from the vehicle's speeds.
@@ -370,17 +351,13 @@ def track_of(
         place = place + lateral[:, None] * np.column_stack((-ahead[:, 1], ahead[:, 0]))
     else:
         place = points[match.rows]
-    facing = _facing(match, station, agent) if heading is None else heading[match.rows]
+    if heading is None:
+        length = _BODY if agent.size is None else agent.size[0]
+        along = match.way.centre(station)[0] - match.way.centre(station - length)[0]
+        facing = np.arctan2(along[:, 1], along[:, 0])
+    else:
+        facing = heading[match.rows]
     return Track(agent, times, station, fast, np.column_stack((place, facing)), spread, match.offset)
-
-
-def _facing(match: Matched, station: NDArray[np.float64], agent: Agent) -> NDArray[np.float64]:
-    """Return the heading of a vehicle whose front and rear are both on the way, shape ``(rows,)`` [rad]."""
-    length = _BODY if agent.size is None else agent.size[0]
-    front, rear = (match.way.centre(station - back)[0] for back in (0.0, length))
-    along = front - rear
-    headings: NDArray[np.float64] = np.arctan2(along[:, 1], along[:, 0])
-    return headings
 
 
 def _straight(match: Matched) -> NDArray[np.bool_]:

@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import Any
 
 from pytest_rvads.runs.states import Colour, Kind
-from pytest_rvads.satellites.tracks.csvfile import is_fcd_table, read_fcd_table
+from pytest_rvads.satellites.tracks.csvfile import is_fcd_table, read_csv
 from pytest_rvads.satellites.tracks.lightlog import changes_of, limit_lights
 from pytest_rvads.satellites.tracks.samples import Gather, Log, kind_of
 from pytest_rvads.satellites.tracks.source import Watch, opened
 from pytest_rvads.support.decoding import decode, typed
 from pytest_rvads.support.errors import RunError, needs
-from pytest_rvads.support.storage import read_xml
+from pytest_rvads.support.storage import number_in, read_xml
 from pytest_rvads.support.wording import one_line
 
 _FCD_COLUMNS = {"speed": "speed", "heading": "angle", "size": "length"}
@@ -35,7 +35,7 @@ def read_fcd(path: Path, columns: Mapping[str, str] | None, *, strict: bool, wat
     with ``--fcd-output.attributes``.
     """
     if is_fcd_table(path):
-        return read_fcd_table(path, columns, strict=strict, watch=watch)
+        return read_csv(path, columns, strict=strict, watch=watch, preset="fcd")
     if columns:
         raise RunError(f"{path.name}: floating car data of SUMO have fixed attributes, leave --columns out")
     with opened(path, watch) as source:
@@ -66,10 +66,7 @@ class _FcdReader:
             self._add(f"person {attributes.get('id', '')}", Kind.PEDESTRIAN, attributes, row)
         elif tag == "timestep":
             self._time_text = attributes.get("time", "")
-            try:
-                self._time = float(self._time_text)
-            except ValueError:
-                self._time = math.nan
+            self._time = number_in(self._time_text)
         elif tag == "fcd-export":
             self.has_root = True
 
@@ -86,8 +83,7 @@ class _FcdReader:
                 if kind is not Kind.PEDESTRIAN or column in ("x", "y"):
                     self.gather.refuse(name, row, column, f"{text!r:.60} is no number")
         numbers[3] = math.radians(90.0 - numbers[3])
-        new = self.gather.add(name, row, (numbers[0], numbers[1], numbers[2], numbers[3], numbers[4]))
-        if not new:
+        if not self.gather.add(name, row, tuple(numbers)):
             return
         size = None
         if "length" in attributes and "width" in attributes:
@@ -264,12 +260,13 @@ def read_rosbag(path: Path, columns: Mapping[str, str] | None, *, strict: bool, 
                 raise RunError(f"{path}: expected nav_msgs/Odometry or TrackedObjects in the bag, got {types[:300] or 'nothing'}")
             for row, (connection, _, raw) in enumerate(reader.messages(connections=connections), start=1):
                 message = reader.deserialize(raw, connection.msgtype)
+                time = float(message.header.stamp.sec + message.header.stamp.nanosec * 1e-9)
                 if connection.msgtype in _ODOMETRY:
                     name = connection.topic.strip("/") or "odometry"
                     speed = float(message.twist.twist.linear.x)
-                    gather.add(name, row, (_ros_time(message), *_ros_pose(message.pose.pose), speed))
+                    gather.add(name, row, (time, *_ros_pose(message.pose.pose), speed))
                 else:
-                    _add_ros_objects(gather, row, message)
+                    _add_ros_objects(gather, row, time, message.objects)
                 if watch is not None and row % 1000 == 0:
                     watch(min(row, reader.message_count), reader.message_count)
     except RunError:
@@ -279,10 +276,9 @@ def read_rosbag(path: Path, columns: Mapping[str, str] | None, *, strict: bool, 
     return gather.log()
 
 
-def _add_ros_objects(gather: Gather, row: int, message: Any) -> None:
+def _add_ros_objects(gather: Gather, row: int, time: float, objects: Any) -> None:
     """Add the detected objects of a message to the vehicles; the recorded point of an object is the centre of its box."""
-    time = _ros_time(message)
-    for item in message.objects:
+    for item in objects:
         name = bytes(item.object_id.uuid).hex()
         state = item.kinematics
         pose, twist = (
@@ -295,10 +291,6 @@ def _add_ros_objects(gather: Gather, row: int, message: Any) -> None:
             label = item.classification[0].label if len(item.classification) else 0
             ahead = size.x / 2 if size.x > 0.0 else None
             gather.describe(name, (size.x, size.y) if size.x > 0.0 < size.y else None, kind_of(_ROS_LABELS.get(label, "")), ahead)
-
-
-def _ros_time(message: Any) -> float:
-    return float(message.header.stamp.sec + message.header.stamp.nanosec * 1e-9)
 
 
 def _ros_pose(pose: Any) -> tuple[float, float, float]:
