@@ -78,11 +78,11 @@ def _import(options: argparse.Namespace) -> int:
         check_single_junction,
         junctions_of,
         label_of,
-        light_log,
         lights_elsewhere,
         on_map,
         recordings_at,
     )
+    from pytest_rvads.satellites.tracks.lightlog import read_lights
     from pytest_rvads.satellites.tracks.logformats import format_of, read_log
     from pytest_rvads.satellites.tracks.table import parse_pairs
 
@@ -100,7 +100,7 @@ def _import(options: argparse.Namespace) -> int:
         warn(f"warning: several vehicles share each of {len(log.reused_ids)} ids, the first {_MOST_SHOWN} are listed above")
     junctions = junctions_of(log, options.junction, options.map)
     intake = intake_of(options, usual_point)
-    lights = light_log(log, options.lights)
+    lights = log.lights if options.lights is None else read_lights(Path(options.lights))
     watch = partial(progress, what="junctions") if all_junctions else None
     recorded = partial(
         recordings_at,

@@ -51,6 +51,7 @@ from pytest_rvads.support.errors import MapError, RunError, suggest
 from pytest_rvads.support.wording import one_line
 
 _Values = NDArray[np.float64]
+_Pass = tuple[Samples, Matched]
 _Match = tuple[str, Samples, Matched]
 """Name of an agent, its samples, and its way."""
 _AHEAD = {"front": 0.0, "center": 0.5, "rear_axle": AXLE}
@@ -116,7 +117,7 @@ def read_tracks(  # noqa: PLR0913 - the options of a command
     """
     log, usual_point = read_log(source, format=format, columns=columns, classes=classes, strict=strict)
     intake = Intake(point or usual_point, size, offset, position_accuracy, speed_accuracy, speed_limit)
-    recorded_lights = light_log(log, lights)
+    recorded_lights = log.lights if lights is None else read_lights(Path(lights))
     log = on_map(log, map)
     places = [junction] if isinstance(junction, Junction) else junctions_of(log, junction, map)
     recordings = recordings_at(log, places, intake, recorded_lights, label_of(log, label))
@@ -142,12 +143,7 @@ def recordings_in(log: Log, point: Point) -> list[Recording]:
 
 
 def junctions_of(log: Log, junction: str | None, map: str | os.PathLike[str] | None) -> list[Junction]:
-    """Return the named junction, or all usable junctions of the map.
-
-    Args:
-        junction: argument of `find`; ``all`` or None for all usable junctions of the map.
-        map: map file; None for the map that the log names, unless `junction` is built in.
-    """
+    """Return the named junction, or for ``all`` and None all usable junctions of the map; the log may name the map."""
     if map is None and junction not in names():
         map = log.map
     if junction is not None and junction != "all":
@@ -208,11 +204,6 @@ def label_of(log: Log, label: str | None = None) -> str:
     return one_line(label or log.where.partition(".")[0], 200) or "tracks"
 
 
-def light_log(log: Log, lights: str | os.PathLike[str] | None) -> Mapping[str, Changes]:
-    """Return the changes of colour by id of the signal: from the file `lights`, or without this file from the log."""
-    return log.lights if lights is None else read_lights(Path(lights))
-
-
 def lights_elsewhere(recorded_lights: Mapping[str, Changes], junction: Junction) -> str:
     """Return the error message for the case that none of the recorded lights stands at the junction."""
     recorded_names, junction_names = (
@@ -241,43 +232,47 @@ def recording_of(log: Log, junction: Junction, intake: Intake, recorded_lights: 
         raise RunError(f"junction {junction.name!r} has no geometry, and tracks are matched to the geometry: give its map")
     if intake.speed_limit is not None:
         junction = junction.limited(None)
-    vehicles = [vehicle for vehicle in log.vehicles if vehicle.kind is not Kind.PEDESTRIAN]
-    unsized = [vehicle for vehicle in vehicles if _front_distance(vehicle, intake) is None]
     junction = with_lights(junction, recorded_lights)
     matcher = Matcher(junction)
-    facing = [
-        faced(vehicle, matcher.lines, intake.offset) for vehicle in vehicles if _front_distance(vehicle, intake) is not None
-    ]
-    found = [(vehicle, list(matcher.match(vehicle, *front_positions(vehicle, intake)))) for vehicle in facing]
-    all_passes = [("", vehicle, match) for vehicle, matches in found for match in matches if isinstance(match, Matched)]
+    left_out = [*log.refused]
+    found: list[tuple[Samples, list[Matched | str]]] = []
+    for vehicle in (vehicle for vehicle in log.vehicles if vehicle.kind is not Kind.PEDESTRIAN):
+        if _front_distance(vehicle, intake) is None:
+            left_out.append((vehicle.name, _UNSIZED))
+        else:
+            facing = faced(vehicle, matcher.lines, intake.offset)
+            found.append((facing, list(matcher.match(facing, *front_positions(facing, intake)))))
+    all_passes = [(vehicle, match) for vehicle, matches in found for match in matches if isinstance(match, Matched)]
     walkers = [walker for walker in log.vehicles if walker.kind is Kind.PEDESTRIAN]
-    walks = _walks(junction, walkers, intake) if junction.crossings and all_passes else []
-    crashed = _crashed(all_passes, walks, junction, intake) if any(match.doubt for *_, match in all_passes) else set()
-    matched: list[_Match] = []
-    left_out = [*log.refused, *((vehicle.name, _UNSIZED) for vehicle in unsized)]
+    walks: list[_Pass] = []
+    if junction.crossings and all_passes:
+        crossing_matcher = CrossingMatcher(junction.walked)
+        for walker in walkers:
+            walks += [(walker, walk) for walk in crossing_matcher.match(walker, *_placed_on_foot(walker, intake))]
+    crashed = _crashed(all_passes, walks, junction, intake) if any(match.doubt for _, match in all_passes) else set()
+    matched: list[_Pass] = []
     for vehicle, matches in found:
         passes = [match for match in matches if isinstance(match, Matched) and (not match.doubt or match in crashed)]
-        matched += [(_pass_name(vehicle.name, k), vehicle, match) for k, match in enumerate(passes)]
+        matched += [(vehicle, match) for match in passes]
         reasons = [match.doubt if isinstance(match, Matched) else match for match in matches]
         if reasons and not passes:
             left_out.append((vehicle.name, next((why for why in reasons if why not in (NEVER, ONCE)), reasons[0])))
     walks = walks if matched else []
-    on_foot = {walker.name for _, walker, _ in walks}
+    on_foot = {walker.name for walker, _ in walks}
     reason = _OFF_CROSSWALKS if junction.crossings and matched else _PEDESTRIAN
     left_out += [(walker.name, reason) for walker in walkers if walker.name not in on_foot]
     junction = junction.walked if walks else junction
-    accuracy, measured = intake.position_accuracy, [(vehicle, match) for _, vehicle, match in matched]
-    linked = linkage_of(measured)
+    accuracy = accuracy_on_foot = intake.position_accuracy
+    linked = linkage_of(matched)
     if accuracy is None:  # some logs repeat the position of a vehicle that stands, without noise
-        accuracy = accuracy_of([pair for pair in measured if np.ptp(pair[1].station) >= STEP] or measured) * linked
-    accuracy_on_foot = intake.position_accuracy
+        accuracy = accuracy_of([pair for pair in matched if np.ptp(pair[1].station) >= STEP] or matched) * linked
     if accuracy_on_foot is None:
-        accuracy_on_foot = max(accuracy, accuracy_of([(walker, walk) for _, walker, walk in walks]))
+        accuracy_on_foot = max(accuracy, accuracy_of(walks))
     noise = intake.speed_accuracy
     if noise is None:
-        noise = noise_of(measured, linked) if accuracy > 0.0 else 0.0
-    derived = any(vehicle.speed is None for _, vehicle, _ in matched)
-    named = _uniquely_named([*matched, *walks])
+        noise = noise_of(matched, linked) if accuracy > 0.0 else 0.0
+    derived = any(vehicle.speed is None for vehicle, _ in matched)
+    named = _named([*matched, *walks])
     return Recording(
         label,
         junction,
@@ -293,19 +288,23 @@ def recording_of(log: Log, junction: Junction, intake: Intake, recorded_lights: 
     )
 
 
-def _crashed(passes: Sequence[_Match], walks: Sequence[_Match], junction: Junction, intake: Intake) -> set[Matched]:
+def _crashed(passes: Sequence[_Pass], walks: Sequence[_Pass], junction: Junction, intake: Intake) -> set[Matched]:
     """Return the passes in which a vehicle runs into another body, of all passes near one whose way is not decided.
 
     A contact also counts if the speeds in a sample lead to it after `_UNSEEN`. Bodies that overlap from the beginning are an
     error of the log.
     """
-    numbered = [(f"{k}", vehicle, match) for k, (_, vehicle, match) in enumerate((*passes, *walks))]
+    numbered = [(f"{k}", vehicle, match) for k, (vehicle, match) in enumerate((*passes, *walks))]
     driven, walked = numbered[: len(passes)], numbered[len(passes) :]
     both = (*_tracks(driven, junction, intake, 0.0, 0.0), *_tracks_on_foot(walked, junction.walked, intake, 0.0))
     touched = set[str]()
     for seconds in (0.0, _UNSEEN):
-        tracks = tuple(_later(track, seconds) for track in both if track.agent.size is not None)
-        recording = Recording("", junction.walked, tracks)
+        tracks = []
+        for track in (track for track in both if track.agent.size is not None):
+            heading = track.pose[:, 2]
+            ahead = np.column_stack((np.cos(heading), np.sin(heading), np.zeros_like(heading)))
+            tracks.append(replace(track, pose=track.pose + seconds * track.speed[:, None] * ahead))
+        recording = Recording("", junction.walked, tuple(tracks))
         for k, period in enumerate(recording.periods):
             if any(recording.tracks[number].agent.other_exits for number in period.present):
                 run = recording[k]
@@ -314,33 +313,20 @@ def _crashed(passes: Sequence[_Match], walks: Sequence[_Match], junction: Juncti
     return {match for name, _, match in driven if name in touched}
 
 
-def _later(track: Track, seconds: float) -> Track:
-    """Return a track in which the body is where its speed takes it within a time."""
-    heading = track.pose[:, 2]
-    ahead = np.column_stack((np.cos(heading), np.sin(heading), np.zeros_like(heading)))
-    return replace(track, pose=track.pose + seconds * track.speed[:, None] * ahead)
-
-
 _UNSEEN = 0.2
 """Time by which a log can end before the crash that ended it [s]: usual logs have a sample at least every 0.2 s."""
 
 
-def _walks(junction: Junction, walkers: Sequence[Samples], intake: Intake) -> list[_Match]:
-    """Return the walks of pedestrians over the crosswalks of a junction."""
-    matcher = CrossingMatcher(junction.walked)
-    matches = ((walker, matcher.match(walker, *_placed_on_foot(walker, intake))) for walker in walkers)
-    return [(_pass_name(walker.name, k), walker, walk) for walker, walks in matches for k, walk in enumerate(walks)]
-
-
-def _uniquely_named(matched: Sequence[_Match]) -> list[_Match]:
-    """Return the agents with names that differ from each other and from all other names in the log."""
-    used_names, named = {vehicle.name for _, vehicle, _ in matched}, []
-    for name, vehicle, match in matched:
-        unique_name = name
-        while unique_name != vehicle.name and unique_name in used_names:  # the log itself has a vehicle with this name
-            unique_name += "'"
-        used_names.add(unique_name)
-        named.append((unique_name, vehicle, match))
+def _named(passes: Sequence[_Pass]) -> list[_Match]:
+    """Return agents for the passes of vehicles, such as v17 and v17#2, whose names no other vehicle of the log has."""
+    used_names, counts, named = {vehicle.name for vehicle, _ in passes}, Counter[Samples](), []
+    for vehicle, match in passes:
+        counts[vehicle] += 1
+        name = vehicle.name if counts[vehicle] == 1 else f"{vehicle.name}#{counts[vehicle]}"
+        while name != vehicle.name and name in used_names:  # the log itself has a vehicle with this name
+            name += "'"
+        used_names.add(name)
+        named.append((name, vehicle, match))
     return named
 
 
@@ -383,10 +369,6 @@ def _front_distance(vehicle: Samples, intake: Intake) -> float | None:
     if vehicle.ahead is not None or not share:
         return vehicle.ahead or 0.0
     return None if size is None else share * size[0]
-
-
-def _pass_name(name: str, number: int) -> str:
-    return name if number == 0 else f"{name}#{number + 1}"
 
 
 def _explain_empty(log: Log, junctions: Sequence[Junction], intake: Intake, left_out: Sequence[tuple[str, str]]) -> str:
@@ -432,19 +414,18 @@ class Intake:
         points = get_args(Point)
         if self.point not in points:
             raise RunError(f"point must be {', '.join(points)}, got {self.point!r:.60}{suggest(str(self.point), points)}")
-        for name, most in (("position_accuracy", 10.0), ("speed_accuracy", 10.0)):
+        for name in ("position_accuracy", "speed_accuracy"):
             value = getattr(self, name)
-            if value is not None and not _is_within(value, 0.0, most):
-                raise RunError(f"{name} must be a standard deviation from 0 to {most:g}, got {value!r:.60}")
-        if self.size is not None and not (_is_pair(self.size) and all(_is_within(value, 0.1, 100.0) for value in self.size)):
+            if value is not None and not _are_within((value,), 1, 0.0, 10.0):
+                raise RunError(f"{name} must be a standard deviation from 0 to 10, got {value!r:.60}")
+        if self.size is not None and not _are_within(self.size, 2, 0.1, 100.0):
             raise RunError(f"size must be a length and a width from 0.1 to 100 m, got {self.size!r:.60}")
-        if not (_is_pair(self.offset) and all(_is_within(value, -1e9, 1e9) for value in self.offset)):
+        if not _are_within(self.offset, 2, -1e9, 1e9):
             raise RunError(f"offset must be two numbers to add to x and y [m], got {self.offset!r:.60}")
 
 
-def _is_within(value: object, low: float, high: float) -> bool:
-    return isinstance(value, int | float | np.number) and low <= float(value) <= high
-
-
-def _is_pair(value: object) -> bool:
-    return isinstance(value, tuple | list) and len(value) == 2
+def _are_within(values: object, count: int, low: float, high: float) -> bool:
+    """Return whether the values are so many numbers in a range."""
+    if not isinstance(values, tuple | list) or len(values) != count:
+        return False
+    return all(isinstance(value, int | float | np.number) and low <= float(value) <= high for value in values)

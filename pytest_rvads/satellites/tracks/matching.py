@@ -336,7 +336,7 @@ def track_of(
 
     Args:
         points: middle of the front bumper in all samples, shape ``(samples, 2)`` [m].
-        heading: heading in all samples, shape ``(samples,)`` [rad]; None if front and rear are on the way.
+        heading: heading in all samples, shape ``(samples,)`` [rad]; None to derive it from the way, on which front and rear are.
         accuracy: standard deviation of a coordinate [m]; with 0, the positions are not smoothed.
         late: time by which the speeds lag behind the positions [s], see `delay_of`.
         noise: standard deviation of a recorded speed [m/s]; None to estimate it from the vehicle's speeds.

@@ -165,14 +165,12 @@ class Gather:
         self._rows: dict[str, tuple[array[int], tuple[array[float], ...]]] = {}
         self._bodies: dict[str, list[_Body]] = {}
         self._refused: dict[str, str] = {}
-        self._samples_left, self._vehicles = _MOST_SAMPLES, 0
+        self._samples = self._vehicles = 0
         self.lights: dict[str, Changes] = {}
 
     def add(self, name: str, row: int, numbers: tuple[float, ...]) -> bool:
         """Add a sample of a vehicle."""
-        series = self._rows.get(name)
-        if series is None:
-            series = self._rows[name] = self._new_series(name, row)
+        series = self._series(name, row)
         new = not series[0]
         if not new:
             time, x, y = (number - column[-1] for number, column in zip(numbers[:3], series[1][:3], strict=True))
@@ -180,19 +178,12 @@ class Gather:
         series[0].append(row)
         for column, number in zip(series[1], numbers, strict=True):
             column.append(number)
-        self._count_samples(1)
+        self._count(samples=1)
         return new
 
     def extend(self, name: str, rows: NDArray[np.int64], numbers: _Values) -> tuple[int, NDArray[np.int64]]:
-        """Add several samples of a vehicle.
-
-        Args:
-            rows: numbers of the rows in the log, shape ``(samples,)``.
-            numbers: values of the fields as for `add`, shape ``(samples, 5)``.
-        """
-        series = self._rows.get(name)
-        if series is None:
-            series = self._rows[name] = self._new_series(name, int(rows[0]))
+        """Add several samples of a vehicle, with the shape ``(samples, 5)``; `rows` are the numbers of their rows in the log."""
+        series = self._series(name, int(rows[0]))
         before = len(series[0])
         last = [column[-1] if before else np.nan for column in series[1][:3]]
         with np.errstate(invalid="ignore", over="ignore"):  # `log` refuses numbers that are not finite
@@ -201,24 +192,25 @@ class Gather:
         series[0].frombytes(rows.astype("=q").tobytes())
         for column, values in zip(series[1], numbers.T, strict=True):
             column.frombytes(values.astype("=d").tobytes())
-        self._count_samples(len(rows))
+        self._count(samples=len(rows))
         return before, to_describe
 
-    def _count_samples(self, samples: int) -> None:
-        self._samples_left -= samples
-        if self._samples_left < 0:
-            raise RunError(f"{self.where}: the log has more than {_MOST_SAMPLES:,} samples: cut the log into several files")
-
-    def _count_vehicles(self, vehicles: int = 1) -> None:
+    def _count(self, *, samples: int = 0, vehicles: int = 0) -> None:
+        self._samples += samples
         self._vehicles += vehicles
+        if self._samples > _MOST_SAMPLES:
+            raise RunError(f"{self.where}: the log has more than {_MOST_SAMPLES:,} samples: cut the log into several files")
         if self._vehicles > _MOST_VEHICLES:
             raise RunError(f"{self.where}: the log has more than {_MOST_VEHICLES:,} vehicles: cut the log into several files")
 
-    def _new_series(self, name: str, row: int) -> tuple[array[int], tuple[array[float], ...]]:
-        self._count_vehicles()
-        if not name or len(name) > 200 or not name.isprintable():
-            self.refuse(name, row, "id", f"{name!r:.60} is no name, expected 1 to 200 printable characters")
-        return array("q"), tuple(array("d") for _ in FIELDS)
+    def _series(self, name: str, row: int) -> tuple[array[int], tuple[array[float], ...]]:
+        """Return rows and fields of the samples of a vehicle; `row` is the row of the next sample."""
+        if name not in self._rows:
+            self._count(vehicles=1)
+            if not name or len(name) > 200 or not name.isprintable():
+                self.refuse(name, row, "id", f"{name!r:.60} is no name, expected 1 to 200 printable characters")
+            self._rows[name] = array("q"), tuple(array("d") for _ in FIELDS)
+        return self._rows[name]
 
     def describe(
         self,
@@ -228,13 +220,10 @@ class Gather:
         ahead: float | None = None,
         at: int | None = None,
     ) -> None:
-        """Set size and kind of a vehicle from a sample on.
+        """Set size and kind of a vehicle from the sample `at` on; None for the sample that was added last.
 
-        Args:
-            size: length and width [m]. A pedestrian is a circle of the diameter `PERSON` about the middle of its recorded body,
-                and has no size here, because some data sets state 0.
-            ahead: distance from the recorded point to the front bumper [m], see `Samples`.
-            at: number of the first sample for which size and kind hold; None for the sample that was added last.
+        A pedestrian is a circle of the diameter `PERSON` about the middle of its recorded body, and has no size here, because
+        some data sets state 0.
         """
         bodies = self._bodies.setdefault(name, [])
         first = len(self._rows[name][0]) - 1 if at is None else at
@@ -245,7 +234,7 @@ class Gather:
         body = _Body(first if bodies else 0, size, kind, ahead, label)
         if not bodies or bodies[-1].differs(body):
             bodies.append(body)
-            self._count_vehicles(len(bodies) > 1)
+            self._count(vehicles=len(bodies) > 1)
 
     def refuse(self, name: str, row: int, column: str, why: str) -> None:
         """Leave a vehicle out because of a bad row."""
@@ -282,7 +271,7 @@ class Gather:
                         unique_name += "'"
                     sentence = f"{self.where}: row {rows[begin]}: {name!r} is {why}: this is another vehicle, named {unique_name}"
                     reused_ids.append(one_line(sentence))
-                self._count_vehicles(number > 1)
+                self._count(vehicles=number > 1)
                 times, x, y, *optional = numbers[:, begin:end]
                 heading, speed = (None if np.isnan(values).all() else values for values in optional)
                 points = np.column_stack((x, y))
@@ -294,29 +283,23 @@ class Gather:
         for column, values in zip(FIELDS, numbers, strict=True):
             if column in ("heading", "speed") and np.isnan(values).all():
                 continue
-            bad_rows = np.flatnonzero(~(np.abs(values) <= _LARGEST[column]))
-            if len(bad_rows):
-                return (
-                    int(bad_rows[0]),
-                    column,
-                    f"{values[bad_rows[0]]:g} is no {column}, expected a number up to {_LARGEST[column]:g}",
-                )
+            bad = ~(np.abs(values) <= _LARGEST[column])
+            if bad.any():
+                at = int(bad.argmax())
+                return at, column, f"{values[at]:g} is no {column}, expected a number up to {_LARGEST[column]:g}"
         times = numbers[0]
-        reversed_steps = np.flatnonzero(np.diff(times) <= 0.0)
-        if len(reversed_steps):
-            time, earlier = times[reversed_steps[0] + 1], times[reversed_steps[0]]
-            return (
-                int(reversed_steps[0]) + 1,
-                "time",
-                f"the time of {name!r} is {time:g} s, expected more than {earlier:g} s",
-            )
+        back = np.diff(times) <= 0.0
+        if back.any():
+            at = int(back.argmax()) + 1
+            return at, "time", f"the time of {name!r} is {times[at]:g} s, expected more than {times[at - 1]:g} s"
         track = numbers[:3].T
         jumps = np.flatnonzero(_impossible_steps(np.diff(track, axis=0)))
         # If a second jump leads back to where the vehicle was before the first jump, the positions between the jumps are wrong.
         returns = ~_impossible_steps(track[jumps[1:] + 1] - track[jumps[:-1]])
         bad_rows = jumps if self._strict else jumps[:-1][returns]
         if len(bad_rows):
-            return int(bad_rows[0]) + 1, "x", f"{name!r} is {_jump_in_words(numbers, int(bad_rows[0]) + 1)}"
+            at = int(bad_rows[0]) + 1
+            return at, "x", f"{name!r} is {_jump_in_words(numbers, at)}"
         for body in bodies:
             if body.size is not None and not all(0.0 < number <= _LONGEST for number in body.size):
                 reason = f"{body.size[0]:g} x {body.size[1]:g} m is no size, expected more than 0 and up to {_LONGEST:g} m"
@@ -325,11 +308,7 @@ class Gather:
 
 
 def _impossible_steps(steps: _Values) -> NDArray[np.bool_]:
-    """Return, for each step between samples, whether it is too long for a vehicle.
-
-    Args:
-        steps: differences in time [s], x [m] and y [m], shape ``(steps, 3)``.
-    """
+    """Return, for each step between samples, in time [s], x [m] and y [m], whether it is too long for a vehicle."""
     too_far: NDArray[np.bool_] = np.hypot(steps[:, 1], steps[:, 2]) > _FASTEST * steps[:, 0] + _JUMP
     return too_far
 

@@ -96,12 +96,13 @@ PRESETS = {
     },
 }
 """By name of a data set, the column of each field. Files can lack the columns of optional fields."""
-
-
 _CLEARLY = 0.05
 """Difference of two agreements with the direction of motion that counts, see `agreement`."""
 _CASE_LENGTH = 1000.0
 """Time between the starts of two cases of a file of INTERACTION [s]; a case is a scene of some seconds with a clock from zero."""
+_BATCH = 200_000
+"""Number of rows that are converted together."""
+_WHERE = "table"
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,22 +148,27 @@ def columns_of(
 ) -> dict[str, Column]:
     """Return the column of each field of a table.
 
-    Args:
-        columns: column per field, with a unit after a colon unless the column has SI units; None if the user names no column.
-        preset: key of `PRESETS` for the fields that `columns` does not name; None to take, if `columns` is None as well, the
-            preset whose columns the table has. Fields without a preset get the column with a usual name.
+    The user names in `columns` the column of a field, with a unit after a colon unless it has SI units. Other fields get the
+    columns of the preset, or of the preset whose columns the table has if the user names neither; without one, those with usual
+    names.
     """
     table_columns = {name.strip().lower(): name for name in reversed(names)}
-    preset_columns = PRESETS.get(preset or (_fitting_preset(table_columns) if columns is None else ""), {})
+    preset_columns = {} if preset is None else PRESETS[preset]
+    if preset is None and columns is None:
+        for known_columns in PRESETS.values():  # only some files have the column of a case
+            needed = {text.partition(":")[0].lower() for field, text in known_columns.items() if field != "case"}
+            if needed <= table_columns.keys():
+                preset_columns = known_columns
+                break
     named_columns = {} if columns is None else dict(columns)
+    all_fields = (*_REQUIRED, *_OPTIONAL)
     for field in named_columns:
-        if field not in (*_REQUIRED, *_OPTIONAL):
-            all_fields = (*_REQUIRED, *_OPTIONAL)
+        if field not in all_fields:
             raise RunError(
                 f"{where}: {field!r:.60} is no field of a track, known are {', '.join(all_fields)}{suggest(field, all_fields)}"
             )
     fields: dict[str, Column] = {}
-    for field in (*_REQUIRED, *_OPTIONAL):
+    for field in all_fields:
         chosen = named_columns.get(field) or preset_columns.get(field)
         texts = (chosen,) if chosen else _USUAL_NAMES.get(field, ())
         for text in texts:
@@ -176,15 +182,6 @@ def columns_of(
             column_list = one_line(", ".join(names[:20]), 300)
             raise RunError(f"{where}: row 1 has no {missing}, it has {column_list}: name it by --columns {field}=...")
     return fields
-
-
-def _fitting_preset(table_columns: Mapping[str, str]) -> str:
-    """Return the preset of whose columns a table has all but perhaps ``case``, which only some files have; empty without one."""
-    for name, fields in PRESETS.items():
-        needed = {text.partition(":")[0].lower() for field, text in fields.items() if field != "case"}
-        if needed <= table_columns.keys():
-            return name
-    return ""
 
 
 def _column(field: str, text: str, table_columns: Mapping[str, str], where: str) -> Column | None:
@@ -307,11 +304,6 @@ def numbers_of(values: Any) -> tuple[NDArray[np.float64], list[int]]:
     return numbers, wrong
 
 
-_BATCH = 200_000
-"""Number of rows that are converted together."""
-_WHERE = "table"
-
-
 def is_table(source: object) -> bool:
     """Return whether a value is a table: a mapping of columns, or an object with the protocol of dataframes or of Arrow."""
     return isinstance(source, Mapping) or hasattr(source, "__dataframe__") or hasattr(source, "__arrow_c_stream__")
@@ -326,23 +318,20 @@ def read_table(table: Any, columns: Mapping[str, str] | None, *, strict: bool, p
     except Exception as error:  # an unknown library may raise any error
         raise RunError(f"{_WHERE}: can't be read: {one_line(str(error))}") from error
     fields = columns_of(columns, names, _WHERE, preset=preset)
-    values = {field: _column_values(table, column.name) for field, column in fields.items()}
+    values: dict[str, Any] = {}
+    for field, column in fields.items():
+        try:
+            content = np.asarray(table[column.name])
+        except Exception as error:  # an unknown library may raise any error
+            raise RunError(f"{_WHERE}: column {column.name!r:.60} can't be read: {one_line(str(error))}") from error
+        if content.ndim != 1:
+            raise RunError(f"{_WHERE}: column {column.name!r:.60} must be a column of values, got the shape {content.shape}")
+        durations = content.dtype.kind == "m"
+        values[field] = content.astype("timedelta64[ns]").astype(np.float64) * 1e-9 if durations else content
     lengths = {column.name: len(values[field]) for field, column in fields.items()}
     if len(set(lengths.values())) > 1:
         raise RunError(f"{_WHERE}: its columns must be equally long, got {lengths}")
     return log_of(_batches(values, fields), fields, _WHERE, strict=strict)
-
-
-def _column_values(table: Any, name: str) -> Any:
-    try:
-        values = np.asarray(table[name])
-    except Exception as error:  # an unknown library may raise any error
-        raise RunError(f"{_WHERE}: column {name!r:.60} can't be read: {one_line(str(error))}") from error
-    if values.ndim != 1:
-        raise RunError(f"{_WHERE}: column {name!r:.60} must be a column of values, got the shape {values.shape}")
-    if values.dtype.kind == "m":  # durations
-        return values.astype("timedelta64[ns]").astype(np.float64) * 1e-9
-    return values
 
 
 def _batches(values: Mapping[str, Any], columns: Mapping[str, Column]) -> Iterator[Rows]:
