@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pytest_rvads.cli.common import LINE_LIMIT, MAP_FORMATS, named_rules, say, warn
 from pytest_rvads.cli.shared_options import share
@@ -152,8 +152,12 @@ class _Judge:
                     facts |= measured(verdict, instance)
                     if self._as_json:
                         print(json.dumps(facts), flush=True)
-                    else:
-                        _print_text(facts)
+                        continue
+                    binding = ", ".join(f"{name} = {vehicle}" for name, vehicle in instance.binding)
+                    when = "" if facts["time"] is None else f" at {facts['time']:.2f} s"
+                    margin = "" if facts["margin"] is None else f", margin {facts['margin']:.2f} s"
+                    hinge = f", depends on {facts['hangs']}" if "hangs" in facts else ""
+                    say(f"{facts['status']:6} {verdict.rule}{when}: {binding}{margin}{hinge}")
 
     def status(self) -> int:
         """Return the exit status of ``rvads check`` for the counted verdicts."""
@@ -164,14 +168,6 @@ class _Judge:
             warn(f"rvads: nothing was judged: {why}")
             return 5
         return 1 if self.counts["FAIL"] or self.counts["OPEN"] else 0
-
-
-def _print_text(answer: dict[str, Any]) -> None:
-    binding = ", ".join(f"{name} = {vehicle}" for name, vehicle in answer["binding"].items())
-    when = "" if answer["time"] is None else f" at {answer['time']:.2f} s"
-    margin = "" if answer["margin"] is None else f", margin {answer['margin']:.2f} s"
-    hinge = f", depends on {answer['hangs']}" if "hangs" in answer else ""
-    say(f"{answer['status']:6} {answer['rule']}{when}: {binding}{margin}{hinge}")
 
 
 def _lines(file: str) -> Iterator[bytes]:

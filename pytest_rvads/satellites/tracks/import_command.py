@@ -19,9 +19,8 @@ from pytest_rvads.cli.shared_options import share
 from pytest_rvads.support.errors import RunError
 
 if TYPE_CHECKING:
-    from pytest_rvads.geometry.junction import Junction
+    from pytest_rvads.geometry.ways import Key
     from pytest_rvads.runs.recording import Recording
-    from pytest_rvads.runs.states import Agent
     from pytest_rvads.satellites.tracks.aligning import Misalignment
     from pytest_rvads.satellites.tracks.importing import Intake
     from pytest_rvads.satellites.tracks.logformats import Point
@@ -199,10 +198,16 @@ def _watch() -> Any:
 
 def _recording_summary(path: Path, recording: Recording, *, stated: bool) -> dict[str, Any]:
     from pytest_rvads.geometry.crosswalks import Crossing
+    from pytest_rvads.logic.telling.phrase import turns
     from pytest_rvads.satellites.tracks.importing import unknown_lights
 
     junction, tracks = recording.junction, recording.vehicles
-    ways = Counter((track.agent.way.key, _way(junction, track.agent)) for track in tracks)
+    ways: Counter[tuple[Key, str]] = Counter()
+    for agent in (track.agent for track in tracks):
+        arms = dict.fromkeys(f"{junction.exits[exit].arm}" for exit in (agent.exit, *agent.other_exits))
+        doubt = f": {agent.name} crashed before its way was decided" if agent.other_exits else ""
+        entrance = junction.vehicle_at(agent.entrance).removeprefix("a")
+        ways[agent.way.key, f"{entrance} to {' or '.join(arms)}, {turns(junction, agent)}{doubt}"] += 1
     worst = max(tracks, key=lambda track: track.offset)
     begin, end = min(track.times[0] for track in tracks), max(track.times[-1] for track in tracks)
     step = sorted(float(t.times[-1] - t.times[0]) / (len(t.times) - 1) for t in tracks)[len(tracks) // 2]
@@ -235,15 +240,6 @@ def _recording_summary(path: Path, recording: Recording, *, stated: bool) -> dic
         "periods": len(recording),
         "left_out": dict(recording.left_out),
     }
-
-
-def _way(junction: Junction, agent: Agent) -> str:
-    """Return the way of a vehicle, or its possible ways, in words."""
-    from pytest_rvads.logic.telling.phrase import turns
-
-    arms = dict.fromkeys(f"{junction.exits[exit].arm}" for exit in (agent.exit, *agent.other_exits))
-    doubt = f": {agent.name} crashed before its way was decided" if agent.other_exits else ""
-    return f"{junction.vehicle_at(agent.entrance).removeprefix('a')} to {' or '.join(arms)}, {turns(junction, agent)}{doubt}"
 
 
 def _summary_lines(summary: dict[str, Any]) -> list[str]:

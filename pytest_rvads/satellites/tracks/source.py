@@ -30,13 +30,7 @@ _CHUNK = 2**18
 
 
 class Source:
-    """An open file of tracks.
-
-    Args:
-        where: name of the file, for messages.
-        raw: the file.
-        watch: function that is called with the number of bytes read so far and the number of all bytes, or None.
-    """
+    """An open file of tracks."""
 
     def __init__(self, where: str, raw: BinaryIO, watch: Watch | None) -> None:
         self.where = where
@@ -52,46 +46,33 @@ class Source:
     def chunks(self) -> Iterator[bytes]:
         """Yield the unpacked content of the file in pieces."""
         while chunk := self._file.read(_CHUNK):
-            self._count(len(chunk))
-            self._report_progress()
+            self._count(len(chunk), report=True)
             yield chunk
 
     def lines(self, longest: int = _LONGEST_LINE) -> Iterator[bytes]:
-        """Yield the unpacked lines of the file, each with its line end.
-
-        Raises:
-            RunError: a line is longer than `longest` bytes, too many lines are empty, or the file is too large.
-        """
+        """Yield the unpacked lines of the file, each with its line end; a line is an error if it exceeds `longest` bytes."""
         count = blank = 0
         while line := self._file.readline(longest + 1):
             count += 1
-            self._count(len(line))
+            self._count(len(line), report=count % 1000 == 0)
             if len(line) > longest:
                 raise RunError(f"{self.where}: row {count} is too long, expected at most {longest:,} bytes")
             blank += line.isspace()
             if 2 * blank > count + _MOST_BLANK:
                 raise RunError(f"{self.where}: row {count}: {blank:,} of the rows up to here are empty, expected fewer")
-            if count % 1000 == 0:
-                self._report_progress()
             yield line
 
-    def _count(self, size: int) -> None:
+    def _count(self, size: int, *, report: bool) -> None:
         self._unpacked += size
         if self._unpacked > self._most:
             raise RunError(f"{self.where}: the file unpacks to more than {self._most:,} bytes: cut the file into several files")
-
-    def _report_progress(self) -> None:
-        if self._watch is not None and self._size:
+        if report and self._watch is not None and self._size:
             self._watch(min(self._raw.tell(), self._size), self._size)
 
 
 @contextmanager
 def opened(path: Path, watch: Watch | None = None) -> Iterator[Source]:
-    """Open a file of tracks; a file compressed by gzip is unpacked.
-
-    Raises:
-        RunError: the file can't be read, is damaged, or is no XML although the caller reads XML.
-    """
+    """Open a file of tracks; a file compressed by gzip is unpacked."""
     try:
         with open_file(path) as raw:
             yield Source(path.name, raw, watch)

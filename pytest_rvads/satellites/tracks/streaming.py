@@ -6,6 +6,7 @@ are known only when they have left. The memory grows with the number of vehicles
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Annotated
@@ -95,11 +96,7 @@ class _SampledVehicle:
 class Stream:
     """Reads states line by line, and yields runs in which vehicles can be judged.
 
-    Args:
-        label: prefix of the labels of the runs.
-        junction: the junction of the vehicles.
-        intake: recorded point, sizes, offset and accuracy, as for `read_tracks`; None if positions are exact and refer to the
-            front bumper.
+    Without an intake, positions are exact and refer to the front bumper.
     """
 
     def __init__(self, label: str, junction: Junction, intake: Intake | None = None) -> None:
@@ -110,7 +107,7 @@ class Stream:
         self._present: dict[str, _SampledVehicle] = {}
         self._departed: list[_SampledVehicle] = []
         self._lights: dict[str, list[tuple[float, Colour]]] = {}
-        self.left_out: dict[str, int] = {}
+        self.left_out: Counter[str] = Counter()
         """Number of omitted vehicles by reason."""
         self.judged = 0
         """Number of vehicles that were judged so far."""
@@ -123,7 +120,6 @@ class Stream:
         names = [vehicle.id for vehicle in state.vehicles]
         if len(set(names)) < len(names):
             raise RunError(f"{where}: two vehicles have the same id: give each vehicle its own id")
-        colours = []
         for key, name in state.lights.items():
             if key not in self._signals:
                 signals = one_line(", ".join(self._signals), 200)
@@ -131,14 +127,11 @@ class Stream:
             if name.upper() not in Colour.__members__:
                 names_of_colours = " or ".join(colour.name.lower() for colour in Colour)
                 raise RunError(f"{where}: the colour of a light must be {names_of_colours}, got {name!r:.40}")
-            colours.append((key, Colour[name.upper()]))
         self._now = state.t
-        for signal, colour in colours:
-            self._lights.setdefault(signal, []).append((state.t, colour))
+        for signal, name in state.lights.items():
+            self._lights.setdefault(signal, []).append((state.t, Colour[name.upper()]))
         for vehicle in state.vehicles:
-            track = self._present.get(vehicle.id)
-            if track is None:
-                track = self._present[vehicle.id] = _SampledVehicle(vehicle)
+            track = self._present.setdefault(vehicle.id, _SampledVehicle(vehicle))
             track.times.append(state.t)
             track.rows.append((vehicle.x, vehicle.y, vehicle.heading, vehicle.speed))
         gone_names = [name for name, track in self._present.items() if track.span[1] < state.t - GONE_AFTER]
@@ -183,7 +176,7 @@ class Stream:
         recording = recording_of(log, self._junction, self._intake, changes_of(self._lights), self._label)
         for name, why in recording.left_out:
             if name in names:
-                self.left_out[why] = self.left_out.get(why, 0) + 1
+                self.left_out[why] += 1
         for run in recording:
             if run.excerpt is None or run.excerpt.judged is None:
                 yield run
