@@ -43,17 +43,18 @@ class Intention:
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """The start, speed and movement of a vehicle at a junction, as they follow from its `Intention`."""
+    """The start and the movement of a vehicle at a junction, as they follow from its `Intention`."""
 
-    name: str
-    length: float | None
-    """Length of the vehicle [m]; None if the file states no length."""
+    vehicle: Intention
     key: Key
     """Entrance and exit."""
     distance: float
     """Initial distance from the front to the stopping line [m]."""
-    speed: float
-    """Initial speed [m/s]."""
+
+    @property
+    def start(self) -> tuple[float, float]:
+        """Initial distance [m] and speed [m/s], as in a `Scenario`."""
+        return self.distance, self.vehicle.speed
 
 
 def intentions(root: Node, where: str) -> Mapping[str, Intention]:
@@ -130,11 +131,10 @@ def _world_position(node: Node) -> Node:
 
 
 def matched(intention: Intention, junction: Junction) -> Drive | None:
-    """Return the movement of a vehicle through a junction.
+    """Return the movement of a vehicle through a junction; None if it starts on no approach, or its route leads elsewhere.
 
-    Returns:
-        Of the movements that fit, the movement with the least sum of distances between its path and the vehicle's start and
-        waypoints; None if the vehicle starts on no approach or its route does not lead through the junction.
+    Of the movements that fit, it is the movement with the least sum of distances between its path and the vehicle's start and
+    waypoints.
     """
     best: tuple[float, Drive] | None = None
     for key in sorted(junction.movements):
@@ -153,6 +153,5 @@ def matched(intention: Intention, junction: Junction) -> Drive | None:
             continue
         cost = abs(beside) + math.fsum(abs(offset) for _, offset in offsets)
         if best is None or cost < best[0]:
-            drive = Drive(intention.name, intention.length, key, round(max(distance, 0.0), 6) + 0.0, intention.speed)
-            best = cost, drive
+            best = cost, Drive(intention, key, round(max(distance, 0.0), 6) + 0.0)
     return None if best is None else best[1]

@@ -203,12 +203,10 @@ def _edited_part(scenario: Scenario, by_name: Mapping[str, Intention], root: Nod
     agents = scenario.agents()
     if {agent.name for agent in agents} != by_name.keys():
         return f"vehicles {', '.join(sorted(by_name))}"
-    lengths = {name: _vehicle_of_length(intention.length) for name, intention in by_name.items()}
-    starts = scenario.starts(lengths.__getitem__)
+    starts = _starts(scenario, {name: intention.length for name, intention in by_name.items()})
     for agent, start in zip(agents, starts, strict=True):
         drive = matched(by_name[agent.name], scenario.place)
-        begin = None if drive is None else (drive.distance, drive.speed)
-        if drive is None or drive.key != agent.way.key or not np.allclose(begin or (), start, rtol=0.0, atol=_TOLERANCE):
+        if drive is None or drive.key != agent.way.key or not np.allclose(drive.start, start, rtol=0.0, atol=_TOLERANCE):
             return f"a start or route of {agent.name}"
     end = root.first(*_END)
     duration = None if end is None else end.number("value")
@@ -217,11 +215,13 @@ def _edited_part(scenario: Scenario, by_name: Mapping[str, Intention], root: Nod
     return None if _lights_match(scenario, root) else "colours of the lights"
 
 
-def _vehicle_of_length(length: float | None) -> Vehicle:
-    """Return a vehicle of a length [m]; of all vehicle parameters, only lengths decide on the positions of queued vehicles."""
-    usual = Vehicle()
-    vehicle_length = usual.length if length is None else length
-    return Vehicle(length=vehicle_length, front_axle=vehicle_length / 4, rear_axle=vehicle_length / 4)
+def _starts(scenario: Scenario, lengths: Mapping[str, float | None]) -> tuple[tuple[float, float], ...]:
+    """Return the starts of a scenario, given the lengths of vehicles [m], which alone decide on the positions in a queue."""
+    vehicles = {}
+    for name, stated in lengths.items():
+        length = Vehicle().length if stated is None else stated
+        vehicles[name] = Vehicle(length=length, front_axle=length / 4, rear_axle=length / 4)
+    return scenario.starts(vehicles.__getitem__)
 
 
 def _foreign_scenario(by_name: Mapping[str, Intention], root: Node, places: list[Junction], where: str) -> Scenario:
@@ -257,10 +257,9 @@ def _scenario_of_drives(place: Junction, drives: list[Drive], root: Node, where:
         raise ScenarioError(f"{where}: every entrance must have equally many vehicles, and all of an entrance the same route")
     by_key = {movement.key: direction for (_, direction), movement in place.by_direction.items()}
     lanes = range(len(place.entrances))
-    spare = next(iter(heads.values()))
-    alike = {(head.distance, head.speed) for head in heads.values()} == {(spare.distance, spare.speed)}
-    start_of = {e: (head.distance, head.speed) for e, head in heads.items()}
-    starts = [start_of.get(e, (spare.distance, spare.speed) if alike else (0.0, 0.0)) for e in lanes]
+    start_of = {entrance: head.start for entrance, head in heads.items()}
+    spare = next(iter(start_of.values())) if len(set(start_of.values())) == 1 else (0.0, 0.0)
+    starts = [start_of.get(e, spare) for e in lanes]
     code = tuple(by_key[heads[e].key] if e in heads else 0 for e in lanes)
     end = root.first(*_END)
     duration = usual_duration(place) if end is None else end.number("value")
@@ -290,11 +289,12 @@ def _scenario_of_drives(place: Junction, drives: list[Drive], root: Node, where:
 def _check_queues(scenario: Scenario, queues: Mapping[int, list[Drive]], where: str) -> None:
     """Check that queued vehicles start at the positions and speeds that a `Scenario` gives to followers."""
     rows = [drive for entrance in sorted(queues) for drive in sorted(queues[entrance], key=lambda drive: drive.distance)]
-    lengths = {agent.name: _vehicle_of_length(drive.length) for agent, drive in zip(scenario.agents(), rows, strict=True)}
-    for drive, start in zip(rows, scenario.starts(lengths.__getitem__), strict=True):
-        if not np.allclose((drive.distance, drive.speed), start, rtol=0.0, atol=_TOLERANCE):
+    lengths = {agent.name: drive.vehicle.length for agent, drive in zip(scenario.agents(), rows, strict=True)}
+    for drive, start in zip(rows, _starts(scenario, lengths), strict=True):
+        if not np.allclose(drive.start, start, rtol=0.0, atol=_TOLERANCE):
+            distance, speed = drive.start
             raise ScenarioError(
-                f"{where}: {drive.name!r:.60} starts {drive.distance:.2f} m before its line at {drive.speed:g} m/s, expected "
+                f"{where}: {drive.vehicle.name!r:.60} starts {distance:.2f} m before its line at {speed:g} m/s, expected "
                 f"{start[0]:.2f} m at {start[1]:g} m/s: a follower starts at the speed of its leader, {QUEUE_GAP:g} m and "
                 f"{QUEUE_TIME:g} s behind"
             )

@@ -187,8 +187,7 @@ def read_tree(path: Path, watch: Watch | None = None) -> Node:
     with opened(path, watch) as source:
         builder = _Builder(source.where)
         read_xml(source.chunks(), "OpenSCENARIO XML", builder.start, builder.end)
-    if builder.root is None:  # expat refuses a file without elements
-        raise RunError(f"{path.name}: the file has no <OpenSCENARIO>")
+    assert builder.root is not None, "expat refuses a file without elements"
     return builder.root
 
 

@@ -35,12 +35,7 @@ _OPTIONS = (
 
 
 class SumoFailed(RunError):
-    """SUMO ended, hung, or refused a request.
-
-    Args:
-        text: the reason in a sentence.
-        detail: the last lines of SUMO's standard error.
-    """
+    """SUMO ended, hung, or refused a request; `detail` has the last lines of SUMO's standard error."""
 
     def __init__(self, text: str, detail: str = "") -> None:
         super().__init__(text)
