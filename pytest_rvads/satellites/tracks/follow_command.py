@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pytest_rvads.cli.common import LINE_LIMIT, MAP_FORMATS, named_rules, say, warn
 from pytest_rvads.cli.shared_options import share
@@ -148,8 +148,8 @@ class _Judge:
                     if instance.status == "NA":
                         continue
                     self.counts[instance.status.value] += 1
-                    facts = {"rule": verdict.rule, "status": instance.status.value, "binding": dict(instance.binding)}
-                    facts |= measured(verdict, instance)
+                    facts: dict[str, Any] = {"rule": verdict.rule, "status": instance.status.value}
+                    facts |= {"binding": dict(instance.binding), **measured(verdict, instance)}
                     if self._as_json:
                         print(json.dumps(facts), flush=True)
                         continue
