@@ -17,12 +17,10 @@ from pytest_rvads.support.errors import RunError
 from pytest_rvads.support.storage import number_in, read_xml
 from pytest_rvads.support.wording import one_line
 
-_OBSTACLES = ("dynamicObstacle", "obstacle")
 _COLUMNS = {"x": "position", "y": "position", "heading": "orientation", "speed": "velocity", "size": "shape"}
 _NUMBERS = ("time/exact", "position/point/x", "position/point/y", "orientation/exact", "velocity/exact")
 """Elements of a state that hold the numbers of a sample, in the order of `FIELDS`."""
 _SHAPE = ("shape/rectangle/length", "shape/rectangle/width", "shape/circle/radius")
-_INEXACT = "it is missing or not exact, expected a number or a point"
 
 
 def is_commonroad(path: Path) -> bool:
@@ -75,7 +73,7 @@ class _Reader:
 
     def end(self, tag: str) -> None:
         parents = self._path[2:]
-        if self._path[1:2] and self._path[1] in _OBSTACLES:
+        if self._path[1:2] in (["dynamicObstacle"], ["obstacle"]):
             element = "/".join(part for part in parents if part not in ("initialState", "trajectory", "state"))
             if element in (*_NUMBERS, *_SHAPE, "type", "role"):
                 self._texts[element] = self._text.strip()
@@ -93,7 +91,8 @@ class _Reader:
             return
         kind = kind_of(self._texts.get("type", ""))
         for k, field in np.argwhere(np.isnan(samples[:, : 3 if kind is Kind.PEDESTRIAN else 4]))[:1]:
-            self.gather.refuse(self._name, int(rows[k]), FIELDS[field], _INEXACT)
+            why = "it is missing or not exact, expected a number or a point"
+            self.gather.refuse(self._name, int(rows[k]), FIELDS[field], why)
         samples[:, 0] *= self._step
         if np.isnan(samples[:, 4]).any():  # only the initial state must have a velocity
             samples[:, 4] = np.nan

@@ -21,7 +21,6 @@ _BATCH = 20_000
 """Number of rows that are converted together."""
 _LONGEST, _COLUMNS = 2**15, 1000
 """Greatest length of a row [bytes], and largest number of columns; both limit the memory of a batch of `_BATCH` rows."""
-_DELIMITERS = ",;\t"
 _DECIMAL_COMMA = re.compile(r'(?<![^;"])(\s*[-+]?\d*),(\d+(?:[eE][-+]?\d+)?\s*)(?![^;"\r\n])')
 """A number with a decimal comma that is a whole cell between semicolons."""
 
@@ -123,7 +122,7 @@ def rows_of(source: Source) -> Iterator[tuple[int, list[str]]]:
     first = next(lines, "")
     if not first.strip():
         raise RunError(f"{source.where}: row 1 is empty, expected the names of columns")
-    delimiter = max(_DELIMITERS, key=first.count)
+    delimiter = max(",;\t", key=first.count)
     if first.count(delimiter) >= _COLUMNS:
         raise RunError(f"{source.where}: row 1 names more than {_COLUMNS:,} columns, expected fewer")
     yield 1, [name.strip() for name in _cells(first, delimiter)]

@@ -56,9 +56,6 @@ _Match = tuple[str, Samples, Matched]
 """Name of an agent, its samples, and its way."""
 _AHEAD = {"front": 0.0, "center": 0.5, "rear_axle": AXLE}
 """By the point of a vehicle to which its positions refer, the distance from this point to the front, as a share of the length."""
-_PEDESTRIAN = "it is a pedestrian"
-_OFF_CROSSWALKS = "it is a pedestrian who walks over no crosswalk"
-_UNSIZED = "its length is not known, and the place of its front depends on the length: give a length by --size (size=)"
 
 
 def read_tracks(  # noqa: PLR0913 - the options of a command
@@ -238,7 +235,8 @@ def recording_of(log: Log, junction: Junction, intake: Intake, recorded_lights: 
     found: list[tuple[Samples, list[Matched | str]]] = []
     for vehicle in (vehicle for vehicle in log.vehicles if vehicle.kind is not Kind.PEDESTRIAN):
         if _front_distance(vehicle, intake) is None:
-            left_out.append((vehicle.name, _UNSIZED))
+            why = "its length is not known, and the place of its front depends on the length: give a length by --size (size=)"
+            left_out.append((vehicle.name, why))
         else:
             facing = faced(vehicle, matcher.lines, intake.offset)
             found.append((facing, list(matcher.match(facing, *front_positions(facing, intake)))))
@@ -259,7 +257,7 @@ def recording_of(log: Log, junction: Junction, intake: Intake, recorded_lights: 
             left_out.append((vehicle.name, next((why for why in reasons if why not in (NEVER, ONCE)), reasons[0])))
     walks = walks if matched else []
     on_foot = {walker.name for walker, _ in walks}
-    reason = _OFF_CROSSWALKS if junction.crossings and matched else _PEDESTRIAN
+    reason = "it is a pedestrian" + (" who walks over no crosswalk" if junction.crossings and matched else "")
     left_out += [(walker.name, reason) for walker in walkers if walker.name not in on_foot]
     junction = junction.walked if walks else junction
     accuracy = accuracy_on_foot = intake.position_accuracy
