@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import os
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, get_args
@@ -274,10 +274,7 @@ def recording_of(log: Log, junction: Junction, intake: Intake, recorded_lights: 
     return Recording(
         label,
         junction,
-        (
-            *_tracks(named[: len(matched)], junction, intake, float(accuracy), float(noise)),
-            *_tracks_on_foot(named[len(matched) :], junction, intake, float(accuracy_on_foot)),
-        ),
+        tuple(_tracks(named, junction, intake, float(accuracy), float(accuracy_on_foot), float(noise))),
         lights_at(junction, recorded_lights) if recorded_lights else {},
         Facts(speed_limit=intake.speed_limit),
         float(accuracy),
@@ -293,22 +290,21 @@ def _crashed(passes: Sequence[_Pass], walks: Sequence[_Pass], junction: Junction
     error of the log.
     """
     numbered = [(f"{k}", vehicle, match) for k, (vehicle, match) in enumerate((*passes, *walks))]
-    driven, walked = numbered[: len(passes)], numbered[len(passes) :]
-    both = (*_tracks(driven, junction, intake, 0.0, 0.0), *_tracks_on_foot(walked, junction.walked, intake, 0.0))
+    tracks = [track for track in _tracks(numbered, junction.walked, intake, 0.0, 0.0, 0.0) if track.agent.size is not None]
     touched = set[str]()
     for seconds in (0.0, _UNSEEN):
-        tracks = []
-        for track in (track for track in both if track.agent.size is not None):
+        later_tracks = []
+        for track in tracks:
             heading = track.pose[:, 2]
             ahead = np.column_stack((np.cos(heading), np.sin(heading), np.zeros_like(heading)))
-            tracks.append(replace(track, pose=track.pose + seconds * track.speed[:, None] * ahead))
-        recording = Recording("", junction.walked, tuple(tracks))
+            later_tracks.append(replace(track, pose=track.pose + seconds * track.speed[:, None] * ahead))
+        recording = Recording("", junction.walked, tuple(later_tracks))
         for k, period in enumerate(recording.periods):
             if any(recording.tracks[number].agent.other_exits for number in period.present):
                 run = recording[k]
                 since = dict(zip((agent.name for agent in run.agents), run.spans[:, 0] * run.dt, strict=True))
                 touched.update(*(c.agents for c in contacts(run) if c.time > max(since[name] for name in c.agents)))
-    return {match for name, _, match in driven if name in touched}
+    return {match for name, _, match in numbered[: len(passes)] if name in touched}
 
 
 _UNSEEN = 0.2
@@ -328,19 +324,20 @@ def _named(passes: Sequence[_Pass]) -> list[_Match]:
     return named
 
 
-def _tracks(matched: Sequence[_Match], junction: Junction, intake: Intake, accuracy: float, noise: float) -> Iterable[Track]:
-    late = delay_of([(vehicle, match) for _, vehicle, match in matched]) if accuracy > 0.0 else 0.0
-    for name, vehicle, match in matched:
-        way = junction.movements[match.way.entrance, match.way.exit]
-        agent = Agent(name, way, vehicle.kind, vehicle.size or intake.size, match.other_exits)
-        points, _ = front_positions(vehicle, intake)
-        yield track_of(agent, vehicle, match, points, vehicle.heading, accuracy, late, noise)
-
-
-def _tracks_on_foot(walks: Sequence[_Match], junction: Junction, intake: Intake, accuracy: float) -> Iterable[Track]:
-    for name, walker, walk in walks:
-        agent = Agent(name, junction.every_way[walk.way.entrance, walk.way.exit], walker.kind, (PERSON, PERSON))
-        yield track_on_foot(agent, walker, walk, *_placed_on_foot(walker, intake), accuracy)
+def _tracks(
+    named: Sequence[_Match], junction: Junction, intake: Intake, accuracy: float, accuracy_on_foot: float, noise: float
+) -> Iterator[Track]:
+    driven = [(vehicle, match) for _, vehicle, match in named if vehicle.kind is not Kind.PEDESTRIAN]
+    late = delay_of(driven) if accuracy > 0.0 else 0.0
+    for name, vehicle, match in named:
+        way = junction.every_way[match.way.entrance, match.way.exit]
+        if vehicle.kind is Kind.PEDESTRIAN:
+            agent = Agent(name, way, vehicle.kind, (PERSON, PERSON))
+            yield track_on_foot(agent, vehicle, match, *_placed_on_foot(vehicle, intake), accuracy_on_foot)
+        else:
+            agent = Agent(name, way, vehicle.kind, vehicle.size or intake.size, match.other_exits)
+            points, _ = front_positions(vehicle, intake)
+            yield track_of(agent, vehicle, match, points, vehicle.heading, accuracy, late, noise)
 
 
 def front_positions(vehicle: Samples, intake: Intake) -> tuple[_Values, _Values]:
