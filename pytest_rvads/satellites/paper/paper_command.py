@@ -58,7 +58,6 @@ def _paper(options: argparse.Namespace) -> int:
 
 
 def _evidence(options: argparse.Namespace, executor: Executor | int | None) -> int:
-    """Print the evidence for the reproduction of the tables as text, or draw violations of the rules."""
     from pytest_rvads.satellites.paper import evidence, tables
 
     if options.json or options.simulator or (options.svg is None) == (options.what == "snapshots"):

@@ -101,7 +101,6 @@ class SumoProcess:
         return [*_OPTIONS, f"--net-file={net.name}", f"--route-files={departures.name}", f"--seed={seed}"]
 
     def _ask(self, **request: Any) -> array[float]:
-        """Send a request to SUMO and return the numbers of its answer."""
         limit = choice().limits.decision or _NO_LIMIT
         try:
             self._child.send(json.dumps(request).encode() + b"\n", limit)

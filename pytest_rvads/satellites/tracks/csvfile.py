@@ -151,7 +151,6 @@ def _cells(line: str, delimiter: str) -> list[str]:
 
 
 def _batches(rows: Iterator[tuple[int, list[str]]], names: Sequence[str], columns: Mapping[str, Column]) -> Iterator[Rows]:
-    """Yield batches of rows, in which the cells are converted to numbers and texts by field."""
     places = {field: list(names).index(column.name) for field, column in columns.items()}
     while batch := list(islice(rows, _BATCH)):
         lines = np.array([line for line, _ in batch], dtype=np.int64)
