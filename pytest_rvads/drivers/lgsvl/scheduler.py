@@ -111,14 +111,7 @@ class Scheduler:
 
         It is called if it is first in the queue and no vehicle that was called before is still on its way through the zone.
         """
-        if self._called is not None:
-            return False
-        first = self._queue[0].name
-        if not self._ties_ignored:
-            tied = [entry for entry in self._queue if entry.since == self._queue[0].since]
-            right_of, entrances = seen.junction.right_of, [entry.entrance for entry in tied]
-            first = next((e.name for e in tied if not any((other, e.entrance) in right_of for other in entrances)), first)
-        if first != seen.me.name:
+        if self._called is not None or self.next_vehicle(seen) != seen.me.name:
             return False
         # Vehicles that are not in the roster don't obey the scheduler, so the zone is checked for them.
         if any(state.name not in self._roster and zone.holds(state) for state in seen.others):
@@ -136,6 +129,15 @@ class Scheduler:
         self._queue = [entry for entry in self._queue if entry.name != state.name]
         self._called = None
         return True
+
+    def next_vehicle(self, seen: Observation) -> str:
+        """Return the name of the vehicle that is called next; mutants choose another one."""
+        head = self._queue[0]
+        if self._ties_ignored:
+            return head.name
+        tied = [entry for entry in self._queue if entry.since == head.since]
+        right_of, entrances = seen.junction.right_of, [entry.entrance for entry in tied]
+        return next((e.name for e in tied if not any((other, e.entrance) in right_of for other in entrances)), head.name)
 
 
 class Guarded(Protocol):

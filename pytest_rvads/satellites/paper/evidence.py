@@ -235,7 +235,7 @@ class LastFirst(LgsvlLike):
 
 
 class _LastFirst(Scheduler):
-    def _next_vehicle(self, seen: Observation) -> str:
+    def next_vehicle(self, seen: Observation) -> str:
         return self._queue[-1].name if len(self._queue) > len(seen.others) else ""
 
 
