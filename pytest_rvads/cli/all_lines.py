@@ -26,7 +26,7 @@ from pytest_rvads.support.wording import markup, plural
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from pytest_rvads.report.outline import Block, Section
+    from pytest_rvads.report.outline import Block
     from pytest_rvads.search.atlas import Atlas, Strip
     from pytest_rvads.search.trials import Setting
 
@@ -158,21 +158,20 @@ def _strip(strip: Strip, setting: Setting, options: argparse.Namespace) -> dict[
 
 def _page(certificates: Sequence[Mapping[str, Any]]) -> str:
     """Return the HTML page of the atlases of junctions, with a strip per group of movement pairs with equal verdicts."""
-    from pytest_rvads.report.outline import Head, Section
+    from pytest_rvads.report.outline import Head, Picture, Section
     from pytest_rvads.report.page import rendered
     from pytest_rvads.search.atlas import LONGEST
     from pytest_rvads.search.starts import STEP
 
     first = certificates[0]
-    head = (f"driven by {first['driver']}", f"simulated by {first['simulator']}")
     rules = f"Judged by {', '.join(first['rules'])}."
     read = (*_HELP, *([_WALKING] if "pedestrians" in first else []), rules)
-    blocks: list[Block | Section] = [Head(head), Section("how to read the strips", read)]
-    parts = []
+    head = Head((("driven by", first["driver"]), ("simulated by", first["simulator"])))
+    blocks: list[Block] = [head, Section("how to read the strips", read)]
     for certificate in certificates:
         rows, groups = [], certificate["groups"]
         errors = [strip for group in groups for strip in group if strip["error"]]
-        failures = ["<li>" + markup(f"{strip['title']}: ERROR: {strip['error']}") for strip in errors]
+        failures = [((strip["title"], ""), (f"ERROR: {strip['error']}", "error"), ("", "")) for strip in errors]
         for strips in (merged for group in groups for merged in _merged(group)):
             strip, bands = strips[0], []
             for (order, status, rule), alike in groupby(strip["pieces"], key=itemgetter("order", "status", "rule")):
@@ -182,17 +181,17 @@ def _page(certificates: Sequence[Mapping[str, Any]]) -> str:
                 hint = f"{begin:+.2f} to {end:+.2f} s: the subject {order}" + (f", {label}" if rule else "")
                 bands.append(Band(begin - STEP / 2, end + STEP / 2, Outcome(status).mark, order == "waits", label, hint))
                 if rule:
-                    text = markup(f"{strip['title']}: {label} from {begin:+.2f} to {end:+.2f} s")
-                    failures.append(f"<li>{text}<code class=line>{markup(pieces[0]['rerun'])}</code>")
+                    span = f"{label} from {begin:+.2f} to {end:+.2f} s"
+                    failures.append(((strip["title"], ""), (span, Outcome(status).mark), (pieces[0]["rerun"], "code")))
             more = f", {len(strips) - 1} more equal" if len(strips) > 1 else ""
             note = "no room where a vehicle starts" if strip["unfit"] else f"{strip['decided_by']}{more}"
             rows.append(StripRow(strip["title"], f"ERROR{more}" if strip["error"] else note, bands, strip["simulated"]))
         summary = certificate["summary"].removeprefix(f"{certificate['junction']}: ")
-        parts.append(f"<h2>{markup(certificate['junction'])}</h2><p>{markup(summary)}</p>")
-        parts.append(f"<div class=scroll>{draw_strips(rows, -LONGEST, LONGEST, 'lead of the subject')}</div>")
+        picture = draw_strips(rows, -LONGEST, LONGEST, "lead of the subject")
+        blocks.append(Picture((summary,), certificate["junction"], picture))
         if failures:
-            parts.append(f"<ul>{''.join(failures)}</ul>")
-    return rendered("critical starts", blocks, None, ("pytest_rvads.report", "all_lines"), strips="".join(parts))
+            blocks.append(Section(f"broken at {certificate['junction']}", (), ("starts", "verdict", "again"), tuple(failures)))
+    return rendered("critical starts", blocks, None, "all_lines.css")
 
 
 def _merged(group: Sequence[Mapping[str, Any]]) -> Iterator[Sequence[Mapping[str, Any]]]:

@@ -18,9 +18,11 @@ from pytest_rvads.cli.run_answers import NOTABLE, Batch, RunAnswer
 from pytest_rvads.logic.conduct.kpis import describe
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
 from pytest_rvads.logic.outcome import Outcome
+from pytest_rvads.report.counting import Counts
 from pytest_rvads.report.failure_page import when
-from pytest_rvads.report.rollup import AtJunctions, sums
-from pytest_rvads.report.session_report import NOTHING_JUDGED, UNFINISHED, Report, Spool, exit_status
+from pytest_rvads.report.record import Record
+from pytest_rvads.report.rollup import sums
+from pytest_rvads.report.session_report import NOTHING_JUDGED, UNFINISHED, Report, exit_status
 from pytest_rvads.support.wording import plural
 
 VERSION = 1
@@ -145,7 +147,7 @@ class Totals:
     """Counts the verdicts on all runs, and the files and runs that could not be judged."""
 
     def __init__(self) -> None:
-        self._at = AtJunctions({})
+        self._counts = Counts(Report(()))
         self._statuses: set[Status] = set()
         self.troubles: list[str] = []
         """A sentence per file or run that could not be read or judged."""
@@ -170,11 +172,11 @@ class Totals:
         self.vehicles += answer.vehicles
         self._statuses.update(verdict.status for verdict in answer.verdicts)
         for record in answer.records:
-            self._at.add(record)
+            self._counts.add(record)
 
     def lines(self) -> list[str]:
         """Return the lines of a table of the numbers of verdicts by rule, and a line on the number of judged runs."""
-        _, rules, _ = sums(self._at.junctions)
+        _, rules, _ = sums(self._counts)
         kinds = [kind.value for kind in rules.kinds if kind]
         table = [("", *kinds), *((row.name, *(str(count or "") for count in row.counts)) for row in rules.rows)]
         name = max((len(row.name) for row in rules.rows), default=0)
@@ -219,7 +221,7 @@ class Teller:
         self._totals, self._files, self._alone, self._verbose = totals, files, alone, options.verbose
         self._labels = {"version"}  # the member of the JSON object that is no run
         self._output = output(options, alone, totals)
-        self._reports, self._records = reports, Spool()
+        self._reports, self._records = reports, list[Record]()
         # A program that reads JSON can read standard error as well.
         self._bar = sys.stderr.isatty() or not (options.json or options.jsonl)
 
@@ -275,4 +277,4 @@ class Teller:
         self._totals.add(answer)
         self._output.run(label, answer)
         for record in answer.records if self._reports else ():
-            self._records.add(replace(record, nodeid=f"{label}-{record.rule}", recording=label))
+            self._records.append(replace(record, nodeid=f"{label}-{record.rule}", recording=label))

@@ -21,9 +21,8 @@ from pytest_rvads.cli.common import MAP_FORMATS, Subparsers, say, warn
 from pytest_rvads.cli.shared_options import share
 from pytest_rvads.geometry.segment import NO_LIMIT
 from pytest_rvads.report.draw.svg import document, text
-from pytest_rvads.report.rollup import natural
 from pytest_rvads.support.storage import write_file
-from pytest_rvads.support.wording import plural
+from pytest_rvads.support.wording import natural, plural
 
 _SHOWN = 100
 _START = "vehicles start up to {:.0f} m before the line"

@@ -20,6 +20,7 @@ from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.precedence import Reason
 from pytest_rvads.geometry.turns import turn_word
 from pytest_rvads.logic.judging.verdicts import Verdict
+from pytest_rvads.logic.outcome import MARKS
 from pytest_rvads.report.draw.scene import Scene, body, course, draw_ways, inks, label, picture, still
 from pytest_rvads.report.outline import Causes, Head, Notes, outline
 from pytest_rvads.report.session_report import Report
@@ -40,8 +41,6 @@ _SHORT = 24
 """Largest number of letters of a cell that is not broken into lines."""
 _TRAIL = 3.0
 """Length of the trails of recorded traffic [s]."""
-_MARKS = {"good": ("✓", "#00694d"), "bad": ("✗", "#b3261e"), "doubt": ("!", "#8a5a00"), "none": ("–", "#5f6368")}
-"""Sign and colour by mark of an outcome; white letters have a contrast above 5 on every colour."""
 _WHEN = {JunctionControl.STOP: " in a tie", JunctionControl.LIGHTS: " on the same green"}
 """Condition of giving way, per control in which signs or lights come first."""
 _ZONES = ((Zone.ENTRANCE, "arrives"), (Zone.JUNCTION, "enters"), (Zone.EXIT, "leaves"))
@@ -74,13 +73,13 @@ def html(value: object) -> str:
             case Verdict():
                 return _verdict(value)
             case list():
-                rows = [(v.rule, f"{_MARKS[v.outcome.mark][0]} {v.outcome.value}", v.message) for v in value]
+                rows = [(v.rule, f"{MARKS[v.outcome.mark][0]} {v.outcome.value}", v.message) for v in value]
                 return _html_table(("rule", "verdict", "message"), rows)
             case Kpis():
                 return _kpis(value)
             case Report():
                 blocks = outline(value)
-                lines = [line for block in blocks if isinstance(block, Notes | Head) for line in block.lines]
+                lines = [line for block in blocks if isinstance(block, Notes | Head) for line in block.plain()]
                 groups = [block for block in blocks if isinstance(block, Causes)]
                 causes = [(group.title, str(c.count), c.rule, c.line, group.first(c)) for group in groups for c in group.causes]
                 return _block(*map(_paragraph, lines), _html_table(("", "items", "rule", "cause", "first"), causes))
@@ -235,7 +234,7 @@ def telling(run: Run) -> tuple[int, str]:
 
 def _verdict(verdict: Verdict) -> str:
     outcome = verdict.outcome
-    sign, colour = _MARKS[outcome.mark]
+    sign, colour, _ = MARKS[outcome.mark]
     badge = f'<b style="background:{colour};color:#fff;padding:1px 7px;border-radius:4px">{sign} {outcome.value}</b> '
     head = ("about", "verdict", "since", "broken", "margin", "because")
 

@@ -9,7 +9,15 @@ from typing import Any, Literal, NamedTuple
 from pytest_rvads.support.wording import plural
 
 Meaning = Literal["violated", "error", "flaky", "passed", "idle"]
-Mark = Literal["good", "bad", "doubt", "none"]
+Mark = Literal["good", "bad", "error", "doubt", "none"]
+MARKS: dict[Mark, tuple[str, str, str]] = {
+    "bad": ("✗", "#b34700", "#ff8a47"),
+    "error": ("E", "#9c2f72", "#d98ab8"),
+    "doubt": ("!", "#8a5a00", "#e9b03a"),
+    "good": ("✓", "#00694d", "#1fbf92"),
+    "none": ("–", "#5f6368", "#99a0a8"),
+}
+"""By mark of an outcome, the worst first: its sign, and its colours on light ground (contrast with white above 5) and on dark."""
 BAD: tuple[Meaning, ...] = ("violated", "error", "flaky")
 """The meanings of outcomes that show a fault of the system under test or of its test."""
 
@@ -75,9 +83,9 @@ class Outcome(StrEnum):
     """Other values of the recorded measurements, within their accuracy, or another possible way of a vehicle would change the
     verdict."""
     NA = _Traits("NA", severity=80, meaning="idle", cell="NA", style="dim", mark="none", letter="n")
-    ERROR = _Traits("ERROR", severity=0, meaning="error", cell="ERROR", style="bold magenta", mark="bad")
-    FLAKY = _Traits("FLAKY", severity=10, meaning="flaky", cell="FLAKY", style="bold magenta", mark="bad")
-    NOT_JUDGED = _Traits("NOT JUDGED", severity=30, meaning="error", cell="NOT JUDGED", style="bold magenta", mark="bad")
+    ERROR = _Traits("ERROR", severity=0, meaning="error", cell="ERROR", style="bold magenta", mark="error")
+    FLAKY = _Traits("FLAKY", severity=10, meaning="flaky", cell="FLAKY", style="bold magenta", mark="error")
+    NOT_JUDGED = _Traits("NOT JUDGED", severity=30, meaning="error", cell="NOT JUDGED", style="bold magenta", mark="error")
     """The test has a rule or a monitor, but judged no run."""
     NOT_RUN = _Traits("NOT RUN", severity=90, meaning="idle", cell="NOT RUN", style="", mark="none", letter="-")
 

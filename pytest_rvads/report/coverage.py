@@ -20,15 +20,29 @@ tried difference has no gap and is counted as not met.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
 
-from pytest_rvads.logic.outcome import Outcome, Tallied, counted
-from pytest_rvads.report.record import Record, RecordedItem
-from pytest_rvads.report.session_report import Cell, Move, Report, cell_of
+from pytest_rvads.logic.outcome import Outcome
+from pytest_rvads.report.counting import EXERCISED, TICKS, UNSELECTED, Counts, Site, counted
+from pytest_rvads.report.session_report import Move, Report
 from pytest_rvads.runs.measured import APART
 from pytest_rvads.support.wording import first, plural
+
+BIN = 0.5
+"""Width of a bin of a histogram [s]."""
+TOGETHER = 0.5
+"""Longest time between the arrivals of two vehicles that arrive together [s]: the tie window `TIE` of the rulebook ``road``."""
+SIMULTANEOUS = (
+    f"every two vehicles arrived within {TOGETHER:g} s of each other: no gap between arrivals was tried; use grid='arrivals' or "
+    "@rvads.critical"
+)
+"""The line that a report shows if at least one difference was tried and no tried difference is above `TOGETHER`."""
+_LAST, _WIDTH = round(APART * TICKS), round(BIN * TICKS)
+"""The longest difference that a histogram contains, and the width of a bin [ticks]."""
+_BARS = "·▁▂▃▄▅▆▇█"
+"""The bars of a histogram in text, from an empty bin to the fullest bin."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,56 +67,18 @@ class Coverage:
         return f"{self.exercised}/{self.planned} cells exercised ({share:.1f} %)" + (f": {idle}" if idle else "")
 
 
-class Cells:
-    """Counts cells (junction, class, configuration, rule) by their outcome; a planned cell counts even without a record."""
-
-    def __init__(self, planned: Iterable[Cell] = ()) -> None:
-        self._rules: dict[str, int] = {}
-        self._rows: dict[tuple[object, ...], bytearray] = {}
-        """By cell without its rule, a byte per rule; bytes save memory, because a session can have a million cells."""
-        for cell in planned:
-            self._note_outcome(cell, _PLANNED)
-
-    def add(self, record: Record) -> None:
-        """Add the outcome of a record to its cell."""
-        self._note_outcome(cell_of(record), _EXERCISED if record.asked else _EXERCISED + 1 + record.status.severity)
-
-    def _note_outcome(self, cell: Cell, value: int) -> None:
-        """Note the outcome of a cell as a byte; if a cell has several outcomes, the least byte counts."""
-        junction, cls, configuration, rule, seat, traffic = cell
-        row = self._rows.setdefault((junction, cls, configuration, seat, traffic), bytearray())
-        number = self._rules.setdefault(rule, len(self._rules))
-        row.extend([_NO_CELL] * (number + 1 - len(row)))
-        row[number] = min(row[number], value)
-
-    def coverage(self) -> Coverage:
-        """Return the numbers of planned and of exercised cells."""
-        counts: Counter[int] = Counter()
-        for row in self._rows.values():
-            counts.update(row)
-        del counts[_NO_CELL]
-        # A cell with several outcomes counts under its worst outcome: the worst outcome has the least byte.
-        reasons = [(outcome.small, counts[_EXERCISED + 1 + outcome.severity]) for outcome in Outcome.worst_first()]
-        idle = {why: count for why, count in (*reasons, (_UNSELECTED, counts[_PLANNED])) if count}
-        return Coverage(counts.total(), counts[_EXERCISED], idle)
-
-
-def measure(report: Report) -> Coverage:
-    """Return the coverage of a session."""
-    cells = Cells(report.planned)
-    for record in report.records:
-        cells.add(record)
-    return cells.coverage()
-
-
-_EXERCISED, _PLANNED, _NO_CELL = 0, 254, 255
-"""Bytes for the state of a cell: exercised, planned without a record, or no cell; other bytes are 1 + an outcome's severity."""
-_UNSELECTED = "not selected"
+def cell_coverage(counts: Counts) -> Coverage:
+    """Return the numbers of planned and of exercised cells."""
+    ranks = Counter(counts.cells.values())
+    # A cell with several outcomes counts under its worst outcome, which has the least severity.
+    reasons = [(outcome.small, ranks[outcome.severity]) for outcome in Outcome.worst_first()]
+    idle = {why: count for why, count in (*reasons, ("not selected", ranks[UNSELECTED])) if count}
+    return Coverage(len(counts.cells), ranks[EXERCISED], idle)
 
 
 def shortfall(report: Report, least: float) -> str:
     """Return a sentence if less than the share `least` of the planned cells [%] was exercised; an empty text if it is not."""
-    coverage = measure(report)
+    coverage = cell_coverage(counted(report))
     if coverage.planned and 100 * coverage.exercised >= least * coverage.planned:
         return ""
     return f"coverage is below {least:g} %: {coverage}"
@@ -121,39 +97,6 @@ def dropped(report: Report, most: int | None = None) -> list[str]:
     ]
 
 
-class Requirements:
-    """Counts the verdicts on each requirement of the user."""
-
-    def __init__(self) -> None:
-        self._counts: dict[str, Counter[Tallied]] = {}
-
-    def add(self, record: Record) -> None:
-        """Count the verdict of a record for each of its requirements."""
-        for requirement in record.requirements:
-            self._counts.setdefault(requirement, Counter())[record.counts_as] += 1
-
-    def lines(self) -> list[str]:
-        """Return a line per requirement with its verdicts by status."""
-        return [f"requirement {name}: {counted(self._counts[name])}" for name in sorted(self._counts)]
-
-
-BIN = 0.5
-"""Width of a bin of a histogram [s]."""
-TOGETHER = 0.5
-"""Longest time between the arrivals of two vehicles that arrive together [s]: the tie window `TIE` of the rulebook ``road``."""
-SIMULTANEOUS = (
-    f"every two vehicles arrived within {TOGETHER:g} s of each other: no gap between arrivals was tried; use grid='arrivals' or "
-    "@rvads.critical"
-)
-"""The line that a report shows if at least one difference was tried and no tried difference is above `TOGETHER`."""
-_TICKS = 100
-"""Ticks per second: differences are counted in ticks of 0.01 s."""
-_LAST, _WIDTH = round(APART * _TICKS), round(BIN * _TICKS)
-"""The longest difference that a histogram contains, and the width of a bin [ticks]."""
-_BARS = "·▁▂▃▄▅▆▇█"
-"""The bars of a histogram in text, from an empty bin to the fullest bin."""
-
-
 @dataclass(frozen=True, slots=True)
 class Tried:
     """The differences between arrivals that runs have tried, for a pair of conflicting movements or for several pairs."""
@@ -164,7 +107,7 @@ class Tried:
     @property
     def orders(self) -> tuple[int, int, int]:
         """Numbers of runs in which the other vehicle arrived before, together with, and after the vehicle under test."""
-        tie = round(TOGETHER * _TICKS)
+        tie = round(TOGETHER * TICKS)
         first = sum(count for tick, count in self.counts.items() if tick < -tie)
         later = sum(count for tick, count in self.counts.items() if tick > tie)
         return first, self.counts.total() - first - later, later
@@ -181,7 +124,7 @@ class Tried:
     def gap(self) -> tuple[float, float]:
         """Begin and end of the longest stretch from -6 s to 6 s without a tried difference [s]; of equal stretches the first."""
         begin, end = max(pairwise(sorted({-_LAST, *self.counts, _LAST})), key=lambda stretch: stretch[1] - stretch[0])
-        return begin / _TICKS, end / _TICKS
+        return begin / TICKS, end / TICKS
 
     @property
     def length(self) -> float:
@@ -206,88 +149,36 @@ class Tried:
         return f"{self.length:g} s ({begin:g} to {end:g} s)"
 
 
-class _AtJunction:
-    """The pairs of conflicting movements at a junction, and the differences between arrivals that runs have tried."""
-
-    def __init__(self) -> None:
-        self.pairs = 0
-        """Number of pairs of conflicting movements."""
-        self.runs: set[str] = set()
-        self.met: dict[tuple[Move, Move], Tried] = {}
+def pairs_tried(counts: Counts) -> Iterator[tuple[Site, str, str, Tried]]:
+    """Yield every tried pair: junction, movement of the vehicle under test, movement of the other vehicle, differences."""
+    for site in counts.pairs:
+        for (own, other), differences in sorted(counts.met.get(site, {}).items()):
+            yield site, _named(own), _named(other), Tried(differences)
 
 
-class ArrivalCoverage:
-    """Collects the tried differences between arrivals from records."""
-
-    def __init__(self) -> None:
-        self._junctions: dict[str, _AtJunction] = {}
-
-    def add(self, record: Record) -> None:
-        """Add the differences of a record."""
-        arrivals = record.arrivals
-        if arrivals is None:
-            return
-        name = f"{record.junction} as recorded" if isinstance(record, RecordedItem) else record.junction
-        junction = self._junctions.get(name) or self._junctions.setdefault(name, _AtJunction())
-        junction.pairs = arrivals.pairs
-        if not record.asked or record.ran_as in junction.runs:
-            return
-        junction.runs.add(record.ran_as)
-        rotations = range(0, record.ways, arrivals.symmetry)
-        moves = [(agent.entrance, agent.exit) for agent in record.agents]
-        for own, other, difference in arrivals.tried:
-            pair = min((_turned(moves[own], arms, record.ways), _turned(moves[other], arms, record.ways)) for arms in rotations)
-            tried = junction.met.get(pair) or junction.met.setdefault(pair, Tried())
-            tried.counts[round(difference * _TICKS)] += 1
-
-    def rows(self) -> Iterator[tuple[str, str, str, Tried]]:
-        """Yield every tried pair: junction, movement of the vehicle under test, movement of the other vehicle, differences."""
-        for name, junction in self._junctions.items():
-            for (own, other), tried in sorted(junction.met.items()):
-                yield name, _named(own), _named(other), tried
-
-    def at_junctions(self) -> Iterator[tuple[str, int, int, Tried, Tried]]:
-        """Yield every junction with a tried pair of movements."""
-        for name, junction in self._junctions.items():
-            if junction.met:
-                every = Tried(sum((tried.counts for tried in junction.met.values()), Counter()))
-                worst = max(junction.met.values(), key=lambda tried: tried.length)
-                yield name, len(junction.met), junction.pairs, every, worst
-
-    @property
-    def pairs(self) -> int:
-        """Number of pairs of conflicting movements at all junctions."""
-        return sum(junction.pairs for junction in self._junctions.values())
-
-    @property
-    def length(self) -> float:
-        """Length of the largest untested gap of all tried pairs [s]; the whole range if no pair was tried."""
-        return max((tried.length for *_, tried in self.rows()), default=2 * APART)
-
-    @property
-    def simultaneous(self) -> bool:
-        """Whether a difference between arrivals was tried, and the two vehicles of every tried difference arrived together."""
-        orders = [tried.orders for *_, tried in self.rows()]
-        return bool(orders) and not any(first or later for first, _, later in orders)
-
-    def line(self) -> str:
-        """Return a line with the number of tried pairs, the orders of arrival, and the largest untested gap."""
-        rows = list(self.rows())
-        head = f"arrivals: {len(rows)} of {plural(self.pairs, 'pair')} of conflicting movements met"
-        if not rows:
-            return head
-        first, together, later = (sum(tried.orders[order] for *_, tried in rows) for order in range(3))
-        name, own, other, worst = max(rows, key=lambda row: row[3].length)
-        return (
-            f"{head}, the other vehicle {first} times first, {together} together, {later} later; largest untested gap {worst} "
-            f"at {name}, vehicle under test from lane {own}, other vehicle from {other}"
-        )
+def largest_gap(counts: Counts) -> float:
+    """Return the length of the largest untested gap of all tried pairs [s]; the whole range if no pair was tried."""
+    return max((tried.length for *_, tried in pairs_tried(counts)), default=2 * APART)
 
 
-def _turned(move: Move, arms: int, ways: int) -> Move:
-    """Return the movement onto which a rotation by `arms` arms maps a movement, at a junction with `ways` arms."""
-    (start, start_lane), (end, end_lane) = move
-    return ((start + arms) % ways, start_lane), ((end + arms) % ways, end_lane)
+def simultaneous(counts: Counts) -> bool:
+    """Return whether a difference between arrivals was tried, and the vehicles of every tried difference arrived together."""
+    orders = [tried.orders for *_, tried in pairs_tried(counts)]
+    return bool(orders) and not any(first or later for first, _, later in orders)
+
+
+def arrivals_line(counts: Counts) -> str:
+    """Return a line with the number of tried pairs, the orders of arrival, and the largest untested gap."""
+    rows = list(pairs_tried(counts))
+    head = f"arrivals: {len(rows)} of {plural(sum(counts.pairs.values()), 'pair')} of conflicting movements met"
+    if not rows:
+        return head
+    first, together, later = (sum(tried.orders[order] for *_, tried in rows) for order in range(3))
+    site, own, other, worst = max(rows, key=lambda row: row[3].length)
+    return (
+        f"{head}, the other vehicle {first} times first, {together} together, {later} later; largest untested gap {worst} "
+        f"at {site}, vehicle under test from lane {own}, other vehicle from {other}"
+    )
 
 
 def _named(move: Move) -> str:
@@ -297,7 +188,5 @@ def _named(move: Move) -> str:
 
 def untested(report: Report, most: float) -> str:
     """Return a sentence if the largest untested gap between arrivals is longer than `most` [s]; an empty text if it is not."""
-    coverage = ArrivalCoverage()
-    for record in report.records:
-        coverage.add(record)
-    return f"the largest untested gap is above {most:g} s: {coverage.line()}" if coverage.length > most else ""
+    counts = counted(report)
+    return f"the largest untested gap is above {most:g} s: {arrivals_line(counts)}" if largest_gap(counts) > most else ""

@@ -9,12 +9,10 @@ import csv
 import io
 import re
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack
 from dataclasses import fields, replace
 from functools import lru_cache, partial
 from pathlib import Path
-from tempfile import SpooledTemporaryFile
-from typing import IO, Any
+from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import msgspec
@@ -23,7 +21,7 @@ from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.markdown import markdown
 from pytest_rvads.report.outline import outline
 from pytest_rvads.report.page import page
-from pytest_rvads.report.record import properties
+from pytest_rvads.report.record import Record, properties
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.support.decoding import decode, encode
 from pytest_rvads.support.errors import RvadsError
@@ -136,8 +134,6 @@ _COLUMNS = {
     "item": "nodeid",
 }
 """By heading of a column, the attribute of a record that its cells show; a cell is empty if its record lacks the attribute."""
-_WAITING = 2**20
-"""Largest number of characters of waiting rows that memory holds per requirement; further rows wait on disk."""
 _FORMULA = re.compile(r"[\s'\"\u200b\ufeff]*[=+\-@＝＋－＠\t\r]")
 """Matches the beginning of a text that spreadsheets compute as a formula (OWASP, CSV Injection)."""
 _NUMBER = re.compile(r"[+-]?\d+(\.\d*)?(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
@@ -146,24 +142,19 @@ _NUMBER = re.compile(r"[+-]?\d+(\.\d*)?(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
 def table(report: Report) -> Iterator[str]:
     """Yield a report as comma-separated values: a row per requirement and test item.
 
-    Items without a requirement come last, with the first column empty. Rows of a requirement wait on disk until the rows of all
-    requirements before it are yielded.
-
-    Texts that spreadsheets would take for formulas begin with an apostrophe.
+    Items without a requirement come last, with the first column empty. Texts that spreadsheets would take for formulas begin with
+    an apostrophe.
     """
     yield _csv_row(["requirement", *_COLUMNS, "versions", "message"])
     versions = "; ".join(f"{name} {version}" for name, version in report.versions.items())
-    with ExitStack() as files:
-        waiting: dict[str, IO[str]] = {}
-        for record in report.records:
+    rows: dict[str, list[Record]] = {}
+    for record in report.records:
+        for requirement in record.requirements or ("",):
+            rows.setdefault(requirement, []).append(record)
+    for requirement in sorted(rows, key=lambda name: (name == "", name)):
+        for record in rows[requirement]:
             cells = [getattr(record, name, "") for name in _COLUMNS.values()]
-            for requirement in record.requirements or ("",):
-                if requirement not in waiting:
-                    waiting[requirement] = files.enter_context(SpooledTemporaryFile(_WAITING, "w+", encoding="utf-8", newline=""))
-                waiting[requirement].write(_csv_row([requirement, *cells, versions, record.message]))
-        for requirement in sorted(waiting, key=lambda name: (name == "", name)):
-            waiting[requirement].seek(0)
-            yield from iter(partial(waiting[requirement].read, _WAITING), "")
+            yield _csv_row([requirement, *cells, versions, record.message])
 
 
 def _csv_row(cells: Iterable[object]) -> str:

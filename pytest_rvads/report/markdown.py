@@ -73,7 +73,8 @@ def _render(block: Block) -> Iterator[str]:
                 shown = _escaped(example) if needs_escapes else f"`{printable(example, len(example))}`"
                 rows.append(f"| {cause.count} | {_escaped(cause.rule)} | {_escaped(cause.line)} | {shown} |")
             yield from (_heading(title), "", *_folded_markdown(head, rows, "causes"))
-        case Head(lines) | Figures(lines):
+        case Head() | Figures():
+            lines = block.lines if isinstance(block, Figures) else block.plain()
             yield from _folded_markdown((), [f"- {_escaped(line)}" for line in lines], "lines", _LINES)
             if isinstance(block, Figures) and block.arrivals:
                 yield from ("", *section(block.arrivals))

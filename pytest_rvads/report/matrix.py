@@ -11,8 +11,7 @@ from typing import Any, NamedTuple
 
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.record import Record, RecordedItem
-from pytest_rvads.report.rollup import natural
-from pytest_rvads.support.wording import first
+from pytest_rvads.support.wording import first, natural
 
 _CLASS = re.compile(r"-class(\d{2,9})-")
 _LONG = 8

@@ -6,35 +6,30 @@ All formats show the same blocks, each format in its own way.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, TypeAlias
 
-from pytest_rvads.logic.outcome import Tallied, counted
-from pytest_rvads.report.coverage import SIMULTANEOUS, ArrivalCoverage, Cells, Requirements, Tried, dropped
-from pytest_rvads.report.figures import Excesses, Extremes, Makers, Timing, Titles, slowest
+from pytest_rvads.report.counting import Counts
+from pytest_rvads.report.coverage import SIMULTANEOUS, Tried, pairs_tried, simultaneous
+from pytest_rvads.report.figures import LISTED, figures, makers, total
 from pytest_rvads.report.matrix import Matrices, Matrix
-from pytest_rvads.report.record import Record
-from pytest_rvads.report.rollup import FEW, AtJunction, AtJunctions, Sums, ranked, sums
+from pytest_rvads.report.rollup import Sums, many, sums
 from pytest_rvads.report.session_report import Comparison, Report
 from pytest_rvads.report.triage import ByText, Cause, causes, idle, known, provoked, unavoidable, unsure
-from pytest_rvads.support.wording import first, plural, quoted
+from pytest_rvads.support.wording import quoted
 
+LONG = 40
+"""Largest number of characters of a text that is not wrapped in a table."""
 FAILURES = "causes of failures"
 """Title of the block with the causes of failures, which no format folds."""
-_REASONS = 5
-"""Largest number of reasons for left-out junctions in the short form."""
-_LISTED = 10
-"""Largest number of lines of a kind in the short form: systems under test and simulators, stacks, samples."""
-_SLOWEST = 10
-"""Largest number of slowest runs that are named; three in the short form, and none if all runs took less than a second."""
-_NAMED = 5
-"""Largest number of junctions named per reason."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Lines:
     lines: tuple[str, ...]
+    kind: ClassVar[str] = ""
+    """The kind of block, by which a template chooses how to show it."""
 
     def plain(self) -> Iterator[str]:
         """Yield the content of this part of a report as lines of text."""
@@ -45,22 +40,31 @@ class _Lines:
 class Notes(_Lines):
     """Notes on missing or doubtful parts of the report, which formats show before all other blocks."""
 
+    kind: ClassVar[str] = "notes"
     title: str = "notes"
 
 
 @dataclass(frozen=True, slots=True)
-class Head(_Lines):
+class Head:
     """The time and command of the session, its driver, its totals, and its end."""
 
+    kind: ClassVar[str] = "head"
+    facts: tuple[tuple[str, str], ...]
+    """Pairs of a term and a text, which make a line together; the term of the line on all verdicts is empty."""
+    shown: tuple[tuple[str, str], ...] = ()
+    """The facts to print at the end of a pytest session: facts that are neither in pytest's own output nor in a later block."""
     title: str = "session"
-    short: tuple[str, ...] = ()
-    """The lines to print at the end of a pytest session: lines that are neither in pytest's own output nor in a later block."""
+
+    def plain(self, brief: bool = False) -> Iterator[str]:
+        """Yield the content of this part of a report as lines of text; only the facts of `shown` if `brief`."""
+        yield from (f"{term} {text}".lstrip() for term, text in (self.shown if brief else self.facts))
 
 
 @dataclass(frozen=True, slots=True)
 class Changes:
     """The changes since the baseline."""
 
+    kind: ClassVar[str] = "changes"
     comparison: Comparison
     title: str = "since the baseline"
     again: str = "pytest"
@@ -71,15 +75,18 @@ class Changes:
         yield self.comparison.headline
         yield from self.comparison.lines()
 
-    def first(self, nodeid: str) -> str:
-        """Return the command that runs the test item with this id again."""
-        return f"{self.again} {quoted(nodeid)}".lstrip()
+    @property
+    def first(self) -> str:
+        """The command that runs the first item that fails now and did not before; empty if there is none."""
+        new = next((change.nodeid for change in self.comparison.changes if change.kind == "NEW"), "")
+        return f"{self.again} {quoted(new)}".lstrip() if new else ""
 
 
 @dataclass(frozen=True, slots=True)
 class Verdicts:
     """The verdicts of one test at one junction."""
 
+    kind: ClassVar[str] = "verdicts"
     matrix: Matrix
 
     @property
@@ -98,6 +105,7 @@ class Verdicts:
 class RollUp:
     """Sums of the verdicts at many junctions, in place of a table per junction."""
 
+    kind: ClassVar[str] = "sums"
     sums: tuple[Sums, ...]
     title: str = "verdicts in sums"
 
@@ -111,6 +119,7 @@ class RollUp:
 class Causes:
     """Groups of failures by their cause, or groups of items that did not fail by their reason, sorted by severity."""
 
+    kind: ClassVar[str] = "causes"
     title: str
     causes: tuple[Cause, ...]
     again: str = "pytest"
@@ -132,20 +141,31 @@ class Causes:
 class Section:
     """A part of a comparison of two reports: lines, and possibly a table with the same content, for formats with tables."""
 
+    kind: ClassVar[str] = "section"
     title: str
     lines: tuple[str, ...]
     columns: tuple[str, ...] = ()
     rows: tuple[tuple[tuple[str, str], ...], ...] = ()
-    """The cells of the table: texts with the mark ``good``, ``bad``, ``bars`` for a histogram in text, ``look`` for the path of a
-    replay page, or an empty mark."""
+    """The cells of the table: texts with the mark ``good``, ``bad``, ``bars`` for a histogram in text, ``look`` for the address
+    of a replay page, ``code`` for a command, or an empty mark."""
     side: bool = False
     """Whether the part is shown beside another part if the page is wide enough."""
+
+    @property
+    def long(self) -> bool:
+        """Whether a row becomes a block on a narrow screen, because a cell beside its label has a long text."""
+        return any(len(text) > LONG for _, *cells in self.rows for text, _ in cells)
+
+    def plain(self) -> Iterator[str]:
+        """Yield the content of this part of a report as lines of text."""
+        yield from self.lines
 
 
 @dataclass(frozen=True, slots=True)
 class Figures(_Lines):
     """Extreme values, coverage and durations."""
 
+    kind: ClassVar[str] = "figures"
     title: str = "coverage"
     arrivals: Section | None = None
     """The differences between arrivals that were tried; None in the short form and if no two vehicles met."""
@@ -158,12 +178,16 @@ class Figures(_Lines):
         yield from self.arrivals.lines if self.arrivals else ()
 
 
-Block = Notes | Head | Changes | RollUp | Verdicts | Causes | Figures
+@dataclass(frozen=True, slots=True)
+class Picture(_Lines):
+    """A picture that stands at the beginning of a page; other formats show its lines."""
+
+    kind: ClassVar[str] = "picture"
+    title: str = ""
+    svg: str = ""
 
 
-class _Tally(Protocol):
-    def add(self, record: Record) -> None: ...
-
+Block: TypeAlias = Notes | Head | Changes | RollUp | Verdicts | Causes | Figures | Section | Picture
 
 _GROUPED: tuple[tuple[str, Callable[[], ByText]], ...] = (
     (FAILURES, causes),
@@ -179,69 +203,44 @@ _SETTLED = {"known failures", "not applicable, skipped or not run"}
 
 def outline(report: Report, short: bool = False, tables: bool = False) -> list[Block]:
     """Return the outline of a report, i.e. its content in blocks, in one pass over its records; empty blocks are left out."""
-    at_junctions = AtJunctions(report.totals, report.extents)
-    matrices, cells, arrivals, requirements = Matrices(), Cells(report.planned), ArrivalCoverage(), Requirements()
-    makers, titles, extremes, timing, excesses = Makers(), Titles(), Extremes(), Timing(), Excesses()
+    counts, matrices = Counts(report), Matrices()
     groups = [(title, make()) for title, make in (_GROUPED[:-1] if short else _GROUPED)]
-    tallies: list[_Tally] = [matrices, at_junctions, cells, arrivals, requirements, makers, titles, extremes, timing, excesses]
-    tallies += [group for _, group in groups]
-    adds = [tally.add for tally in tallies]
+    adds = [counts.add, matrices.add, *(group.add for _, group in groups)]
     for record in report.records:
         for add in adds:
             add(record)
-    many = at_junctions.many or matrices.too_many
-    brief = _LISTED if short else None
+    summed = many(counts) or matrices.too_many
+    made, all_verdicts = list(makers(counts)), total(counts)
+    if short and len(made) > LISTED:
+        made[LISTED:] = [("", f"... and {len(made) - LISTED} more")]
+    beginning = [("began", report.began), ("command:", report.command), ("", all_verdicts), ("exit status", str(report.ended))]
+    # The block of a single junction shows the total, so the short head needs no total.
+    shown = made if len(counts.first) == 1 else [("", all_verdicts), *made]
     blocks: list[Block] = [Notes(report.notes)] if report.notes else []
-    total, maker_lines = _verdict_total(at_junctions.junctions), tuple(_few(makers.lines(report.versions), brief))
-    beginning = [f"began {report.began}"] if report.began else []
-    beginning += [f"command: {report.command}"] if report.command else []
-    # The block of a single junction shows the total, so the head needs no total.
-    blocks.append(
-        Head(
-            (*beginning, total, f"exit status {report.ended}", *maker_lines),
-            short=maker_lines if len(at_junctions.junctions) == 1 else (total, *maker_lines),
-        )
-    )
-    if report.comparison:
-        blocks.append(Changes(report.comparison, again=report.again))
-    blocks += [RollUp(sums(at_junctions.junctions))] if many else []
-    blocks += map(Verdicts, matrices.matrices()) if tables or not many else []
+    blocks.append(Head((*(fact for fact in beginning if fact[1]), *made), tuple(shown)))
+    blocks += [Changes(report.comparison, again=report.again)] if report.comparison else []
+    blocks += [RollUp(sums(counts))] if summed else []
+    blocks += map(Verdicts, matrices.matrices()) if tables or not summed else []
     for title, group in groups:
-        blocks += (
-            [Causes(title, tuple(group_causes), report.again, title in _SETTLED)] if (group_causes := group.causes(many)) else []
-        )
-    worst = ranked(at_junctions.junctions)[:FEW] if many else at_junctions.junctions
-    junction_lines = [line for junction in worst for line in junction.lines()]
-    if further := len(at_junctions.junctions) - len(worst):
-        junction_lines.append(f"... and {plural(further, 'more junction')}, with no worse verdicts")
-    versions = ", ".join(f"{name} {version}" for name, version in report.versions.items())
-    lines = (
-        *titles.lines(brief),
-        *extremes.lines(),
-        *junction_lines,
-        *_few(timing.lines(), brief),
-        *excesses.lines(),
-        *(slowest(report.seconds, 3, 1.0) if short else slowest(report.seconds, _SLOWEST)),
-        *([] if short else requirements.lines()),
-        *([f"versions: {versions}"] if versions and not short else []),
-        f"coverage: {cells.coverage()}",
-        *([arrivals.line()] if arrivals.pairs else []),
-        *dropped(report, brief),
-        *_few(refused(report, _REASONS if short else None), brief),
-    )
-    last = SIMULTANEOUS if arrivals.simultaneous else ""
-    return [*blocks, Figures((*lines, *filter(None, [last])), arrivals=None if short else _arrivals(arrivals, many), last=last)]
+        group_causes = tuple(group.causes(summed))
+        blocks += [Causes(title, group_causes, report.again, title in _SETTLED)] if group_causes else []
+    last = SIMULTANEOUS if simultaneous(counts) else ""
+    lines = (*figures(counts, short), *filter(None, [last]))
+    return [*blocks, Figures(lines, arrivals=None if short else _arrivals(counts, summed), last=last)]
 
 
-def _arrivals(coverage: ArrivalCoverage, many: bool) -> Section | None:
+def _arrivals(counts: Counts, summed: bool) -> Section | None:
     """Return a table of the tried differences between arrivals: a row per pair of movements, or per junction for many pairs."""
-    rows: list[tuple[tuple[str, ...], Tried, Tried]]
-    if many:
-        heads: tuple[str, ...] = ("junction", "pairs met")
-        rows = [((name, f"{met} of {pairs}"), tried, worst) for name, met, pairs, tried, worst in coverage.at_junctions()]
+    rows: list[tuple[tuple[str, ...], Tried, Tried]] = []
+    heads: tuple[str, ...]
+    if summed:
+        heads = ("junction", "pairs met")
+        for site, met in counts.met.items():
+            worst = max(map(Tried, met.values()), key=lambda tried: tried.length)
+            rows.append(((str(site), f"{len(met)} of {counts.pairs[site]}"), Tried(sum(met.values(), Counter())), worst))
     else:
         heads = ("junction", "under test", "other vehicle")
-        rows = [(tuple(names), tried, tried) for *names, tried in coverage.rows()]
+        rows = [((str(site), own, other), tried, tried) for site, own, other, tried in pairs_tried(counts)]
     if not rows:
         return None
     heads += ("other first", "together", "other later", "largest untested gap")
@@ -251,29 +250,3 @@ def _arrivals(coverage: ArrivalCoverage, many: bool) -> Section | None:
         lines.append(f"{', '.join(map(' '.join, zip(heads, texts, strict=True)))}: {tried.bins()}")
         table.append((*((text, "") for text in texts), (tried.bars(), "bars")))
     return Section("arrivals", tuple(lines), (*heads, "6 s earlier to 6 s later"), tuple(table))
-
-
-def _verdict_total(junctions: Sequence[AtJunction]) -> str:
-    tally = sum((junction.tally for junction in junctions), Counter[Tallied]())
-    runs = len(set[str]().union(*(ids for junction in junctions for ids in (junction.runs, junction.wrong))))
-    return f"{plural(tally.total(), 'verdict')} on {plural(runs, 'run')}: {counted(tally) or 'none'}"
-
-
-def _few(lines: Sequence[str], most: int | None) -> Iterator[str]:
-    """Yield at most `most` lines, then a line with the number of further lines."""
-    yield from lines[:most]
-    if most is not None and len(lines) > most:
-        yield f"... and {len(lines) - most} more"
-
-
-def refused(report: Report, most: int | None = None) -> list[str]:
-    """Return a line per reason why junctions, movements or scenarios are left out, and a line per sampled test."""
-    reasons = sorted(report.refused.items(), key=lambda entry: -len(entry[1]))
-    lines = []
-    for reason, names in reasons[:most]:
-        what = plural(len(names), "movement" if " from entrance " in names[0] else "test" if "::" in names[0] else "junction")
-        lines.append(f"{what}{'' if reason.startswith('with ') else ' left out:'} {reason}: {first(names, _NAMED)}")
-    further_names = {name for _, names in reasons[len(lines) :] for name in names}
-    if further_names:
-        lines.append(f"{plural(len(further_names), 'junction')} left out for other reasons: reports in files say which")
-    return lines + [f"{sample}: {sample.test}" for sample in report.drawn]

@@ -2,27 +2,22 @@
 
 A report also holds the time and the command of the session, and the driver with its file and digest. No verdict depends on these.
 
-The records of a report can be larger than memory. A report is therefore made in one pass over its records: each part of the
-report counts records and keeps only sums and examples.
+The records of a session lie in memory, some 3 kB each: a gigabyte holds 300,000. More runs are a campaign with results on disk.
 """
 
 from __future__ import annotations
 
-import weakref
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from tempfile import TemporaryFile
 from typing import Annotated
 
-import msgspec
 from msgspec import Meta, Struct
 from msgspec.structs import replace
 
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.record import Record, RecordedItem, SimulatedItem
 from pytest_rvads.runs.measured import Divergence
-from pytest_rvads.support.decoding import encode
 
 UNFINISHED = 2
 """Exit status of a session that did not come to its end, for example of an interrupted session."""
@@ -132,15 +127,18 @@ class Comparison:
             ", ".join(f"{counts[kind]} {kind}" for kind in _KINDS if counts[kind]) or "nothing to compare"
         )
 
-    def lines(self, most: int | None = None) -> Iterator[str]:
-        """Yield a line per package whose version differs, and a line per change of a kind in `LISTED`."""
-        yield from self.versions
+    def listed(self, most: int | None = None) -> Iterator[tuple[str, str]]:
+        """Yield an empty text and a sentence per package whose version differs; kind and text of each change in `LISTED`."""
+        yield from (("", version) for version in self.versions)
         for kind in LISTED:
             changes = [change for change in self.changes if change.kind == kind]
-            for change in changes[:most]:
-                yield f"{kind:<7} {change.nodeid}" + (f"  {change.text}" if change.text else "")
+            yield from ((kind, change.nodeid + (f"  {change.text}" if change.text else "")) for change in changes[:most])
             if most is not None and len(changes) > most:
-                yield f"{kind:<7} ... and {len(changes) - most} more"
+                yield kind, f"... and {len(changes) - most} more"
+
+    def lines(self) -> Iterator[str]:
+        """Yield a line per package whose version differs, and a line per change of a kind in `LISTED`."""
+        yield from (f"{kind:<7} {text}" if kind else text for kind, text in self.listed())
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,8 +146,8 @@ class Report:
     """The report of a session, of several sessions merged, or of a campaign."""
 
     records: Collection[Record]
-    """A record per selected item, in the order of the tests; an item that did not run has the status NOT RUN. The records can be
-    larger than memory, so readers go through the records once, from first to last, and keep none."""
+    """A record per selected item, in the order of the tests; an item that did not run has the status NOT RUN. The records of a
+    session lie in memory; those of a campaign are read from disk in each pass, so readers pass as seldom as they can."""
     totals: dict[int, tuple[int, int]] = field(default_factory=dict)
     """By number of arms, the number of classes and the number of full scenarios (a vehicle at every arm)."""
     planned: tuple[Cell, ...] = ()
@@ -251,38 +249,3 @@ def _run_start(record: Record) -> tuple[str, ...]:
     test = record.nodeid.partition("[")[0]
     source = (record.driver, str(record.traffic), record.simulator) if isinstance(record, SimulatedItem) else ()
     return test, record.variant, *source, str(record.run)
-
-
-class Anew(Collection[Record]):
-    """A collection of records whose every iteration makes the records again, because the records can be larger than memory."""
-
-    def __init__(self, make: Callable[[], Iterable[Record]], count: Callable[[], int]) -> None:
-        self._make, self._count = make, count
-
-    def __iter__(self) -> Iterator[Record]:
-        return iter(self._make())
-
-    def __len__(self) -> int:
-        return self._count()
-
-    def __contains__(self, record: object) -> bool:
-        return any(item == record for item in self)
-
-
-class Spool(Anew):
-    """Records in a temporary file, a line of JSON each; every pass over the records reads the file."""
-
-    def __init__(self) -> None:
-        self._file = TemporaryFile()  # noqa: SIM115 - closed with the last reference to these records
-        self._lines = 0
-        weakref.finalize(self, self._file.close)
-        super().__init__(self._read, lambda: self._lines)
-
-    def add(self, record: Record) -> None:
-        """Append a record, before the first pass only."""
-        self._file.write(encode(record) + b"\n")
-        self._lines += 1
-
-    def _read(self) -> Iterator[Record]:
-        self._file.seek(0)
-        yield from map(msgspec.json.Decoder(Record).decode, self._file)

@@ -9,6 +9,8 @@ import io
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import groupby
+from operator import itemgetter
 
 from rich.console import Console
 from rich.text import Text
@@ -85,8 +87,8 @@ def summarise(report: Report, *, colour: bool, width: int, unicode: bool, full: 
     examples: list[str] = []
     for block in outline(report, short=not full, tables=full):
         match block:
-            case Head(lines, _, short):
-                verdicts.lines(lines if head else short)
+            case Head():
+                verdicts.lines(block.plain(brief=not head))
             case Changes():
                 verdicts.changes(block)
             case RollUp() | Verdicts():
@@ -261,13 +263,11 @@ class _Screen:
     def changes(self, block: Changes) -> None:
         """Print the changes since the baseline."""
         self._print_line(block.comparison.headline, "bold")
-        new = next((change.nodeid for change in block.comparison.changes if change.kind == "NEW"), "")
-        lines = list(block.comparison.lines(self.most))
-        for number, line in enumerate(lines):
-            kind = line.partition(" ")[0]
-            self._print_line(f"  {line}", _CHANGES.get(kind, ""))
-            if new and kind == "NEW" and not any(after.startswith("NEW ") for after in lines[number + 1 :]):
-                self._print_line(f"          first: {block.first(new)}")
+        for kind, listed in groupby(block.comparison.listed(self.most), itemgetter(0)):
+            for _, text in listed:
+                self._print_line(f"  {kind:<7} {text}" if kind else f"  {text}", _CHANGES.get(kind, ""))
+            if kind == "NEW":
+                self._print_line(f"          first: {block.first}")
         self._print_line("")
 
     def causes(self, block: Causes) -> None:

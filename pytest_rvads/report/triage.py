@@ -21,8 +21,7 @@ from pytest_rvads.logic.judging.verdicts import Verdict
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.faults import explains, first_line, hanging, signature, time_of, verdict_of, violated
 from pytest_rvads.report.record import Record, SimulatedItem
-from pytest_rvads.report.rollup import natural
-from pytest_rvads.support.wording import first, plural
+from pytest_rvads.support.wording import first, natural, plural
 
 Variant = tuple[str, str]
 """A test and its variant; both are empty for a record without a variant."""

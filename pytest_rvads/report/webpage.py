@@ -1,60 +1,63 @@
-"""Makes self-contained HTML pages in a common frame; the content security policy lets a browser run only the page's script."""
+"""Makes self-contained HTML pages from templates; the content security policy lets a browser run only the page's script."""
 
 from __future__ import annotations
 
 import json
 from base64 import b64encode
-from collections.abc import Sequence
+from functools import cache
 from hashlib import sha256
 from importlib.resources import files
-from string import Template
 from typing import Any
 
-from pytest_rvads.support.wording import markup, printable
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 
-_FRAME = Template("""\
-<!doctype html>
-<html lang="en">
-<meta charset="utf-8">
-<meta http-equiv="Content-Security-Policy" content="$policy">
-<meta name="viewport" content="width=device-width">
-<title>$title</title>
-<link rel="icon" href="data:,">
-<style>$style</style>
-$body
-<script type="application/json" id="data">$data</script>
-<script>$script</script>
-</html>
-""")
-_POLICY = Template(
-    "default-src 'none'; script-src 'sha256-$script'; style-src 'sha256-$style'; img-src data:; "
-    "base-uri 'none'; form-action 'none'; require-trusted-types-for 'script'; trusted-types 'none'"
-)
+from pytest_rvads.logic.outcome import MARKS
+from pytest_rvads.support.wording import printable
 
 
-def webpage(sources: Sequence[tuple[str, str]], title: str, data: object, style: str = "", **parts: str) -> str:
-    """Return an HTML page."""
-    body, script = "", _source_text("pytest_rvads.report", "webpage.js")
-    for package, name in reversed(sources):
-        body = Template(_source_text(package, f"{name}.html")).substitute(parts, part=body)
-    for package, name in sources:
-        style += _source_text(package, f"{name}.css")
-        script += _source_text(package, f"{name}.js")
-    return _FRAME.substitute(
-        policy=_POLICY.substitute(script=_digest(script), style=_digest(style)),
-        title=markup(title),
-        style=style,
-        body=body,
-        # "<" could end the script element from inside a string.
-        data=json.dumps(_printable_data(data), separators=(",", ":")).replace("<", "\\u003c"),
-        script=script,
+def webpage(template: str, title: str, data: object, *sources: str, style: str = "", **content: Any) -> str:
+    """Return an HTML page.
+
+    Args:
+        template: name of the template, which extends ``frame.html``.
+        data: the content for the script, as JSON.
+        sources: names of the style sheets (``.css``) and scripts (``.js``) of the page.
+        style: more style, after the style sheets.
+        content: values for the template; a text is escaped unless it is a `Markup`.
+    """
+    style = _colours() + "".join(_source(name) for name in sources if name.endswith(".css")) + style
+    script = "".join(_source(name) for name in ("webpage.js", *sources) if name.endswith(".js"))
+    policy = (
+        f"default-src 'none'; script-src 'sha256-{_digest(script)}'; style-src 'sha256-{_digest(style)}'; img-src data:; "
+        "base-uri 'none'; form-action 'none'; require-trusted-types-for 'script'; trusted-types 'none'"
+    )
+    # "<" could end the script element from inside a string.
+    text = json.dumps(_printable_data(data), separators=(",", ":")).replace("<", "\\u003c")
+    frame = {"policy": policy, "style": Markup(style), "script": Markup(script), "data": Markup(text)}
+    return _templates().get_template(template).render(title=title, **frame, **content)
+
+
+@cache
+def _templates() -> Environment:
+    return Environment(
+        loader=PackageLoader("pytest_rvads", "report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        finalize=lambda value: printable(value, len(value)) if type(value) is str else value,
     )
 
 
-def _source_text(package: str, name: str) -> str:
-    """Return the content of a source file of a page; empty if the file does not exist."""
-    file = files(package).joinpath(name)
-    return file.read_text(encoding="utf-8") if file.is_file() else ""
+def _colours() -> str:
+    """Return the colours of the marks of outcomes as style, for light and dark screens."""
+    light, dark = ("".join(f"--{mark}:{colours[number]};" for mark, colours in MARKS.items()) for number in (1, 2))
+    return f":root{{{light}}}@media screen{{:root[data-theme=dark]{{{dark}}}}}"
+
+
+def _source(name: str) -> str:
+    return files("pytest_rvads.report").joinpath(name).read_text(encoding="utf-8")
 
 
 def _printable_data(value: Any) -> Any:

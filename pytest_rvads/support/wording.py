@@ -91,3 +91,9 @@ def show_lists(kind: type) -> None:
     if shell is not None:
         printers = shell.display_formatter.formatters["text/html"]
         printers.for_type(list, lambda found: shown(found) if found and all(isinstance(one, kind) for one in found) else None)
+
+
+def natural(name: str) -> list[tuple[bool, int, str, str]]:
+    """Return a sort key that puts name 26 before name 124; a number can have more digits than Python's int() accepts."""
+    parts = [(part, part.lstrip("0") if part.isdecimal() else "") for part in re.split(r"(\d+)", name)]
+    return [(part.isdecimal(), len(digits), digits, part) for part, digits in parts]

@@ -126,11 +126,12 @@ def replay(
         "ghost": ghost_data(run, beside.ghost, beside.ghost_name, _EVERY),
     }
     return webpage(
-        [("pytest_rvads.report.draw", "replay")],
+        "draw/replay.html",
         title,
         data,
+        "draw/replay.css",
+        "draw/replay.js",
         style=STYLE,
-        heading=markup(title),
         scene=f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{left:.2f} {top:.2f} {wide:.2f} {high:.2f}">'
         f"{scene.road()}{scene.lights(run.lights[0])}{outlines(beside.ghost)}{trails}{bodies}</svg>",
         notes=_notes_html(notes),

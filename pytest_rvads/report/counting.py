@@ -1,0 +1,225 @@
+"""Counts the records of a report in one pass; every figure of a report is a function over these counts.
+
+Sums and sets are kept, and no records but examples, so the results of a campaign on disk can be larger than memory.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Callable, Hashable
+from itertools import combinations
+from typing import Any, NamedTuple
+
+from pytest_rvads.logic.outcome import Outcome, Tallied
+from pytest_rvads.report.record import Record, RecordedItem, SimulatedItem
+from pytest_rvads.report.session_report import Cell, Move, Report, cell_of
+from pytest_rvads.runs.measured import Kpis, PairKpis, VehicleKpis
+
+TICKS = 100
+"""Ticks per second: differences between arrivals are counted in ticks of 0.01 s."""
+UNSELECTED = 1000
+"""Rank of a planned cell without a record."""
+EXERCISED = -1
+"""Rank of an exercised cell; the rank of any other cell with a record is the severity of its outcome."""
+NEAR = 2.0
+"""Two vehicles met if less than this time passed between their stays on a shared stretch [s]."""
+
+
+class Site(NamedTuple):
+    """A junction with its simulated or its recorded runs."""
+
+    junction: str
+    recorded: bool
+
+    def __str__(self) -> str:
+        return f"{self.junction} as recorded" if self.recorded else self.junction
+
+
+Pick = Callable[..., Any]
+EXTREMES: tuple[tuple[str, tuple[tuple[str, str, Pick, str], ...]], ...] = (
+    ("nearest", (("time to collision", "ttc", min, "s"), ("post-encroachment time", "pet", min, "s"))),
+    ("most", (("braking", "deceleration", max, "m/s^2"), ("waiting", "waiting", max, "s"), ("delay", "delay", max, "s"))),
+)
+"""Per line of extremes: its first word, and its indicators. An indicator is (heading, field of `Kpis`, min or max, unit)."""
+_PICKS = tuple((key, pick) for _, indicators in EXTREMES for _, key, pick, _ in indicators)
+
+
+class Computed:
+    """The computing times of a driver in another process."""
+
+    def __init__(self) -> None:
+        self.runs: set[str] = set()
+        """A run counts once, even if the stack drove several vehicles of the run."""
+        self.decisions, self.longest = 0, 0.0
+        self.seconds: list[float] = []
+
+
+class Counts:
+    """The counts of a report: a number of verdicts by junction, rule and outcome, and the sets that coverage needs."""
+
+    def __init__(self, report: Report) -> None:
+        self.report = report
+        self.verdicts: Counter[tuple[Site, str, Tallied]] = Counter()
+        """Number of verdicts by junction, rule and outcome; None stands for a known failure."""
+        self.first: dict[Site, Record] = {}
+        """The first record at each junction."""
+        self.runs: defaultdict[Site, set[str]] = defaultdict(set)
+        """Hashes of the judged runs at each junction."""
+        self.wrong: defaultdict[Site, set[str]] = defaultdict(set)
+        """Runs with an unexpected failure, at each junction."""
+        self.seen: defaultdict[tuple[Site, str], set[Hashable]] = defaultdict(set)
+        """What simulated runs exercised at each junction: ``classes``, ``scenarios`` and ``seated``, each followed by ``arms`` or
+        ``lanes``, of full scenarios (a vehicle per arm or per lane); ``partial arms`` and ``partial lanes``, the names of
+        classes; ``pairs``, pairs of movements."""
+        self.orders: defaultdict[Site, list[float | None]] = defaultdict(list)
+        """Per run at each junction, the arrival of the vehicle that arrived nearest in time minus the arrival of the subject [s];
+        None if the subject was alone."""
+        self.apart: Counter[Site] = Counter()
+        """Number of runs with several vehicles of which no two met."""
+        self.cells: dict[Cell, int] = dict.fromkeys(report.planned, UNSELECTED)
+        """Rank of each cell; a cell with several outcomes has the least of their ranks."""
+        self.requirements: Counter[tuple[str, Tallied]] = Counter()
+        self.makers: defaultdict[tuple[str, str, str], set[str]] = defaultdict(set)
+        """Runs by ``driven`` or ``simulated``, name of the driver or simulator, and source."""
+        self.titles: dict[str, str] = {}
+        """Titles of rules that share no word with the name of the rule."""
+        self.extremes: dict[str, tuple[float, PairKpis | VehicleKpis, Record]] = {}
+        """By indicator, its extreme value, the entry with this value, and its record; of equal values, the first is kept."""
+        self.contacts: dict[str, Outcome] = {}
+        """The outcome of the rule on collisions, by run with a time to collision of 0."""
+        self.computed: defaultdict[str, Computed] = defaultdict(Computed)
+        """Computing times by stack."""
+        self.excess: dict[str, tuple[int, float]] = {}
+        """By run, the number of accelerations beyond the limits of the vehicle, and the largest [m/s^2]."""
+        self.pairs: dict[Site, int] = {}
+        """Number of pairs of conflicting movements at each junction."""
+        self.met: defaultdict[Site, defaultdict[tuple[Move, Move], Counter[int]]] = defaultdict(lambda: defaultdict(Counter))
+        """By junction and pair of movements, how often each difference of arrivals was tried [ticks]."""
+        self._tried: defaultdict[Site, set[str]] = defaultdict(set)
+        self._timed: set[str] = set()
+        self._last: Kpis | None = None
+
+    def add(self, record: Record) -> None:
+        """Count a record."""
+        site, cell = Site(record.junction, isinstance(record, RecordedItem)), cell_of(record)
+        self.first.setdefault(site, record)
+        self.verdicts[site, record.asks, record.counts_as] += 1
+        if record.status.bad and not record.known:
+            self.wrong[site].add(record.ran_as)
+        rank = EXERCISED if record.asked else record.status.severity
+        self.cells[cell] = min(self.cells.get(cell, UNSELECTED), rank)
+        for requirement in record.requirements:
+            self.requirements[requirement, record.counts_as] += 1
+        for verdict in record.verdicts:
+            if verdict.title and {*verdict.rule.casefold().split("_")}.isdisjoint(verdict.title.casefold().split()):
+                self.titles.setdefault(verdict.rule, verdict.title)
+        self._add_indicators(record)
+        self._add_arrivals(site, record)
+        if isinstance(record, SimulatedItem):
+            self._add_makers(record)
+        if record.hash and record.status is not Outcome.ERROR:
+            if record.hash not in self.runs[site]:
+                self._add_order(site, record)
+            self.runs[site].add(record.hash)
+            if isinstance(record, SimulatedItem):
+                self._add_scenario(site, record)
+
+    def _add_makers(self, record: SimulatedItem) -> None:
+        for verb, name, source in (("driven", record.driver, record.source), ("simulated", record.simulator, "")):
+            if name:
+                self.makers[verb, name, source].add(record.ran_as)
+
+    def _add_indicators(self, record: Record) -> None:
+        """Count the extremes, the computing times and the excessive requests of the run of a record."""
+        if record.asks == "no_collision" and record.kpis and any(pair.ttc == 0.0 for pair in record.kpis.pairs):
+            self.contacts[record.where] = record.status
+        # The records of a run from a campaign share one object with the indicators.
+        if record.kpis and record.kpis is not self._last:
+            self._last = record.kpis
+            for entry in (*record.kpis.pairs, *record.kpis.vehicles):
+                for key, pick in _PICKS:
+                    value, known = getattr(entry, key, None), self.extremes.get(key)
+                    if value is not None and (known is None or pick(value, known[0]) != known[0]):
+                        self.extremes[key] = value, entry, record
+        if not (record.timing or record.excess):
+            return
+        run = f"{record.run} {record.hash}"
+        if record.timing and run not in self._timed:
+            self._timed.add(run)
+            for computing in record.timing.values():
+                computed = self.computed[computing.stack]
+                computed.runs.add(run)
+                computed.decisions += computing.decisions
+                computed.longest = max(computed.longest, computing.longest)
+                computed.seconds.append(computing.compute)
+        if record.excess:
+            requests = sum(excess.requests for excess in record.excess.values())
+            self.excess.setdefault(run, (requests, max((excess.largest for excess in record.excess.values()), key=abs)))
+
+    def _add_arrivals(self, site: Site, record: Record) -> None:
+        """Count the differences between arrivals that the run of a record tried, once per run."""
+        arrivals = record.arrivals
+        if arrivals is None:
+            return
+        self.pairs[site] = arrivals.pairs
+        if not record.asked or record.ran_as in self._tried[site]:
+            return
+        self._tried[site].add(record.ran_as)
+        rotations = range(0, record.ways, arrivals.symmetry)
+        moves = [(agent.entrance, agent.exit) for agent in record.agents]
+        for own, other, difference in arrivals.tried:
+            pair = min((_turned(moves[own], arms, record.ways), _turned(moves[other], arms, record.ways)) for arms in rotations)
+            self.met[site][pair][round(difference * TICKS)] += 1
+
+    def _add_order(self, site: Site, record: Record) -> None:
+        """Count whether the subject arrived before or after the vehicle with the nearest arrival in the run of a record."""
+        subject = next((verdict.subject for verdict in record.verdicts if verdict.subject), None)
+        kpis = record.kpis
+        times = {vehicle.agent: vehicle.arrival for vehicle in kpis.vehicles if vehicle.arrival is not None} if kpis else {}
+        if kpis is None or subject not in times:
+            return
+        gaps = [time - times[subject] for agent, time in times.items() if agent != subject]
+        self.orders[site].append(min(gaps, key=abs) if gaps else None)
+        self.apart[site] += bool(gaps) and (kpis.pet is None or kpis.pet >= NEAR)
+
+    def _add_scenario(self, site: Site, record: SimulatedItem) -> None:
+        """Add the scenario of a run to what was exercised at its junction."""
+        extent = self.report.extents.get(site.junction)
+        if record.cls:
+            # The scenarios of a class that its number alone identifies have a vehicle per arm.
+            full = "lanes" if extent and record.orbit else "arms"
+            self.seen[site, f"classes {full}"].add(record.cls)
+            self.seen[site, f"scenarios {full}"].add(record.scenario)
+            if record.seat is not None:
+                turns = extent.turns if extent else self.first[site].ways
+                self.seen[site, f"seated {full}"].add(_seated(record.scenario, record.seat, turns))
+        if not extent:
+            return
+        name = record.orbit or record.cls
+        self.seen[site, "partial lanes"].add(name)
+        # No two vehicles start on the same arm.
+        if "_" not in record.scenario or all(len(arm.replace("0", "")) <= 1 for arm in record.scenario.split("_")):
+            self.seen[site, "partial arms"].add(name)
+        vehicles = [agent for agent in record.agents if agent.name.startswith("a")]  # others are pedestrians and parked
+        self.seen[site, "pairs"].update(combinations(sorted({(agent.entrance, agent.exit) for agent in vehicles}), 2))
+
+
+def counted(report: Report) -> Counts:
+    """Return the counts of a report."""
+    counts = Counts(report)
+    for record in report.records:
+        counts.add(record)
+    return counts
+
+
+def _turned(move: Move, arms: int, ways: int) -> Move:
+    """Return the movement onto which a rotation by `arms` arms maps a movement, at a junction with `ways` arms."""
+    (start, start_lane), (end, end_lane) = move
+    return ((start + arms) % ways, start_lane), ((end + arms) % ways, end_lane)
+
+
+def _seated(scenario: str, seat: int, turns: int) -> tuple[str, int]:
+    """Return the first in sort order of all rotations of a scenario with its subject; all rotations have the same result."""
+    code = scenario.replace("_", "")
+    rows = range(0, len(code), len(code) // turns)
+    return min((code[len(code) - row :] + code[: len(code) - row], (seat + row) % len(code)) for row in rows)
