@@ -69,16 +69,16 @@ def declare(commands: Subparsers) -> None:
     check.set_defaults(command=_check_reports)
     compare = actions.add_parser(
         "compare",
-        help="show two sessions side by side, with the verdicts that differ",
+        help="show sessions side by side; of two, the verdicts that differ",
         description="Items are matched by their ids: run the same tests twice, with the code before and after a change, or with "
-        "two controllers. Exit status: 0 if the sessions were compared, whatever the differences; 1 if there is a difference "
-        "that --fail-on names; 2 if a report is missing or damaged, or the two reports have no item in common.",
+        "several controllers. Exit status: 0 if the sessions were compared, whatever the differences; 1 if there is a difference "
+        "that --fail-on names; 2 if a report is missing or damaged, or has no item in common with the first.",
     )
     compare.add_argument(
         "files",
-        nargs=2,
+        nargs="+",
         metavar="FILE.json",
-        help="reports of the earlier and of the later session, or of two controllers (--rvads-report)",
+        help="reports of the earlier and of the later session, or of two or more controllers (--rvads-report)",
     )
     share(
         compare,
@@ -137,8 +137,10 @@ def _compare(options: argparse.Namespace) -> int:
     from pytest_rvads.report.side_by_side_forms import save, text
 
     outputs = list(map(fitting, options.output))
-    a, b = ((name, recovered(Path(name))) for name in options.files)
-    sessions = side_by_side(a, b)
+    if len(options.files) < 2 or (options.fail_on and len(options.files) > 2):
+        wanted = "two reports" if options.fail_on else "two or more reports"
+        raise RvadsError(f"rvads report compare takes {wanted}, got {len(options.files)}: name such files")
+    sessions = side_by_side([(name, recovered(Path(name))) for name in options.files])
     print(text(sessions, shutil.get_terminal_size().columns))
     for path in outputs:
         save(path, sessions)

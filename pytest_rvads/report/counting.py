@@ -136,7 +136,8 @@ class Counts:
         # The records of a run from a campaign share one object with the indicators.
         if record.kpis and record.kpis is not self._last:
             self._last = record.kpis
-            for entry in (*record.kpis.pairs, *record.kpis.vehicles):
+            entries: tuple[PairKpis | VehicleKpis, ...] = (*record.kpis.pairs, *record.kpis.vehicles)
+            for entry in entries:
                 for key, pick in _PICKS:
                     value, known = getattr(entry, key, None), self.extremes.get(key)
                     if value is not None and (known is None or pick(value, known[0]) != known[0]):

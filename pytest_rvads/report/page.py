@@ -69,8 +69,8 @@ def page(report: Report, folder: Path, title: str = "rvads verdicts", pictures: 
 
 def rendered(title: str, blocks: Sequence[Block], data: object, *sources: str, with_items: bool = False, starts: str = "") -> str:
     """Return an HTML page that shows the beginning and the figures of an outline; scripts show the rest from `data`."""
-    content = {"blocks": blocks, "same": SAME, "long": LONG, "with_items": with_items, "starts": starts}
-    return webpage("page.html", title, data, "page.css", *sources, **content)
+    shown = {"same": SAME, "long": LONG, "with_items": with_items, "starts": starts}
+    return webpage("page.html", title, data, "page.css", *sources, blocks=blocks, **shown)
 
 
 def _page_records(report: Report) -> list[Record]:

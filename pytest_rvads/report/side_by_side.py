@@ -1,13 +1,14 @@
-"""Compares two sessions side by side: the command and result of each session, and the test items whose verdicts differ.
+"""Compares reports side by side: the command and result of each, the verdicts per rule, and the causes of failures.
 
-Items are matched by node id, as with a baseline, so two controllers are compared by running the same tests with each controller.
+Items are matched by node id, as with a baseline, so controllers are compared by running the same tests with each controller. Of
+two reports, the comparison also has the items whose verdicts differ.
 """
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from pytest_rvads.logic.outcome import Outcome, Tallied
@@ -21,66 +22,61 @@ from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.wording import plural
 
 _NUMBER = re.compile(r"\d+(\.\d+)?")
-_WHERE = {(True, False): "only in A", (False, True): "only in B", (True, True): "in both"}
 
 
 @dataclass(frozen=True, slots=True)
 class Side:
-    """One of two compared sessions."""
+    """One of the compared reports."""
 
+    label: str
+    """A letter, or the name of a driver."""
     name: str
+    """The file of the report, or the name of a driver."""
     head: tuple[str, ...]
     """Lines on the time, command and driver of the session, its totals, and its end."""
     notes: tuple[str, ...]
-    """Missing or doubtful parts of the session."""
-
-
-@dataclass(frozen=True, slots=True)
-class Ruled:
-    """The verdicts of a rule in each of two compared sessions."""
-
-    rule: str
-    a: Counter[Tallied]
-    b: Counter[Tallied]
+    """Missing or doubtful parts of the report."""
 
 
 @dataclass(frozen=True, slots=True)
 class Shared:
-    """A cause of failures, and the number of failures with this cause in each of two compared sessions."""
+    """A cause of failures, and the number of failures with this cause in each report."""
 
+    where: str
+    """Which reports have the cause, in words."""
     rule: str
     text: str
-    a: int
-    b: int
+    counts: tuple[int, ...]
     example: str
     """Node id of the first item with the cause."""
-
-    @property
-    def where(self) -> str:
-        """Which sessions have the cause, in words."""
-        return _WHERE[self.a > 0, self.b > 0]
+    side: int
+    """Number of the report with this item."""
+    run: str
+    """Name of the run of this item."""
+    look: str
+    """Path of the replay of this item; empty without one."""
 
 
 @dataclass(frozen=True, slots=True)
 class SideBySide:
-    """Two compared sessions, called A and B, and their differences."""
+    """Compared reports, and their differences."""
 
-    a: Side
-    b: Side
+    sides: tuple[Side, ...]
     common: int
-    """Number of items that both sessions have."""
+    """Number of items that the first report shares with another."""
+    rules: tuple[tuple[str, tuple[Counter[Tallied], ...]], ...]
+    """By rule, the number of verdicts of each kind in each report."""
+    causes: tuple[Shared, ...]
     comparison: Comparison
-    """The changes from A to B."""
+    """The changes from A to B; empty unless there are two reports."""
     matrices: tuple[Matrix, ...] | None
     """Per test and junction, with ``pass -> FAIL`` for an item that differs; None if the verdicts are too many for tables."""
-    rules: tuple[Ruled, ...]
-    causes: tuple[Shared, ...]
     later: Report
-    """The report of B, with A as its baseline."""
+    """The last report, with A as its baseline if there are two reports."""
 
     @property
     def differ(self) -> bool:
-        """Whether any verdict differs between the two sessions."""
+        """Whether any verdict differs between two reports."""
         return (
             self.comparison.count("UNCHANGED", "OUTSIDE") < len(self.comparison.changes)
             or self.matrices is None
@@ -88,53 +84,55 @@ class SideBySide:
         )
 
 
-def side_by_side(a: tuple[str, Report], b: tuple[str, Report]) -> SideBySide:
-    """Return the comparison of two sessions."""
-    (name_a, earlier), (name_b, later) = a, b
-    common = len({record.nodeid for record in earlier.records} & {record.nodeid for record in later.records})
-    if not common:
-        raise RvadsError(
-            f"{name_a} ({plural(len(earlier.records), 'item')}) and {name_b} ({plural(len(later.records), 'item')}) have no "
-            "item in common, and items are matched by their ids: compare two sessions of the same tests"
-        )
-    planned = set(later.planned)
-    lost = {record.nodeid for record in earlier.records if cell_of(record) not in planned}
-    comparison = compare(later, earlier, "A", lost.__contains__, same=False)
-    rules: dict[str, Ruled] = {}
-    for second, records in enumerate((earlier.records, later.records)):
-        for record in records:
-            ruled = rules.get(record.asks) or rules.setdefault(record.asks, Ruled(record.asks, Counter(), Counter()))
-            (ruled.b if second else ruled.a)[record.counts_as] += 1
-    sides: list[Side] = []
-    for name, report in (a, b):
-        head = next((block.lines for block in outline(report) if isinstance(block, Head)), ())
-        sides.append(Side(name, head, report.notes))
-    return SideBySide(
-        sides[0],
-        sides[1],
-        common,
-        comparison,
-        _merged_matrices(earlier.records, later.records),
-        tuple(rules[rule] for rule in sorted(rules)),
-        _shared_causes(earlier.records, later.records),
-        with_baseline(later, comparison),
-    )
+def side_by_side(reports: Sequence[tuple[str, Report]], labels: Sequence[str] = ()) -> SideBySide:
+    """Return the comparison of reports; `labels` are letters by default."""
+    (first_name, earlier), *others = reports
+    own_ids = {record.nodeid for record in earlier.records}
+    common = 0
+    for name, report in others:
+        both = len(own_ids & {record.nodeid for record in report.records})
+        common = max(common, both)
+        if not both:
+            items = [plural(len(records), "item") for records in (earlier.records, report.records)]
+            raise RvadsError(
+                f"{first_name} ({items[0]}) and {name} ({items[1]}) have no item in common, and items are matched by their ids: "
+                "compare sessions of the same tests"
+            )
+    labels = labels or [chr(ord("A") + number) for number in range(len(reports))]
+    sides = []
+    for label, (name, report) in zip(labels, reports, strict=True):
+        head = next((tuple(block.plain()) for block in outline(report) if isinstance(block, Head)), ())
+        sides.append(Side(label, name, head, report.notes))
+    rules: dict[str, tuple[Counter[Tallied], ...]] = {}
+    for number, (_, report) in enumerate(reports):
+        for record in report.records:
+            rules.setdefault(record.asks, tuple(Counter() for _ in reports))[number][record.counts_as] += 1
+    comparison, later = Comparison("A", ()), reports[-1][1]
+    matrices: tuple[Matrix, ...] | None = ()
+    if len(reports) == 2:
+        planned = set(later.planned)
+        lost = {record.nodeid for record in earlier.records if cell_of(record) not in planned}
+        comparison = compare(later, earlier, "A", lost.__contains__, same=False)
+        matrices = _merged_matrices(earlier, later)
+        later = with_baseline(later, comparison)
+    causes = _shared_causes([report for _, report in reports], labels)
+    return SideBySide(tuple(sides), common, tuple(sorted(rules.items())), causes, comparison, matrices, later)
 
 
-def _merged_matrices(earlier_records: Iterable[Record], later_records: Iterable[Record]) -> tuple[Matrix, ...] | None:
-    """Return the verdict matrices of two sessions in one; None if the sessions have too many verdicts for tables."""
+def _merged_matrices(earlier: Report, later: Report) -> tuple[Matrix, ...] | None:
+    """Return the verdict matrices of two reports in one; None if the reports have too many verdicts for tables."""
     old_matrices, new_matrices = Matrices(), Matrices()
     before: dict[str, tuple[Place, Outcome, str]] = {}
-    for record in earlier_records:
+    for record in earlier.records:
         old_matrices.add(record)
         before[record.nodeid] = _standing(record)
     moved: set[Place] = set()
-    for record in later_records:
+    for record in later.records:
         new_matrices.add(record)
         standing = _standing(record)
-        earlier = before.pop(record.nodeid, None)
-        if earlier != standing:
-            moved |= {standing[0], (earlier or standing)[0]}
+        was = before.pop(record.nodeid, None)
+        if was != standing:
+            moved |= {standing[0], (was or standing)[0]}
     moved |= {place for place, *_ in before.values()}
     return None if old_matrices.too_many or new_matrices.too_many else tuple(new_matrices.after(old_matrices, moved))
 
@@ -144,43 +142,49 @@ def _standing(record: Record) -> tuple[Place, Outcome, str]:
     return place_of(record), record.status, (record.known or "").partition(":")[0]
 
 
-def _shared_causes(earlier_records: Iterable[Record], later_records: Iterable[Record]) -> tuple[Shared, ...]:
-    """Return the causes of failures: first causes only in the later session, then only in the earlier session, then in both.
+def _shared_causes(reports: Sequence[Report], labels: Sequence[str]) -> tuple[Shared, ...]:
+    """Return the causes of failures: first those of the last report only, then those of other reports only, then shared ones.
 
     Causes with equal texts are the same cause. Among all other causes, causes whose texts differ only in numbers are the same.
     """
-    causes: list[list[triage.Cause]] = []
-    for records in (earlier_records, later_records):
+    rows: list[dict[int, triage.Cause]] = []
+    readings: tuple[Callable[[str], str], ...] = (str, lambda text: _NUMBER.sub("#", text))
+    facts: dict[tuple[int, str], tuple[str, str]] = {}
+    for side, report in enumerate(reports):
         by_cause = triage.causes()
-        for record in records:
+        for record in report.records:
             by_cause.add(record)
-        causes.append(by_cause.causes())
-    old_causes, new_causes = causes
-    shared: list[Shared] = []
-    for reading in (str, lambda text: _NUMBER.sub("#", text)):
-        waiting: dict[str, list[triage.Cause]] = {}
-        for cause in old_causes:
-            waiting.setdefault(reading(cause.text), []).append(cause)
-        for cause in list(new_causes):
-            if match := waiting.get(reading(cause.text)):
-                earlier = match.pop(0)
-                old_causes.remove(earlier)
-                new_causes.remove(cause)
-                shared.append(Shared(cause.rule, cause.text, earlier.count, cause.count, cause.example))
-    only = [
-        *(Shared(c.rule, c.text, 0, c.count, c.example) for c in new_causes),
-        *(Shared(c.rule, c.text, c.count, 0, c.example) for c in old_causes),
-    ]
-    return (*only, *sorted(shared, key=lambda cause: -cause.b))
+            if record.failed:
+                facts[side, record.nodeid] = str(record.run), record.look
+        waiting = by_cause.causes()
+        for reading in readings:
+            free: dict[str, list[dict[int, triage.Cause]]] = {}
+            for row in rows:
+                if side not in row:
+                    free.setdefault(reading(next(iter(row.values())).text), []).append(row)
+            for cause in list(waiting):
+                if matching := free.get(reading(cause.text)):
+                    matching.pop(0)[side] = cause
+                    waiting.remove(cause)
+        rows += [{side: cause} for cause in waiting]
+    rows.sort(key=lambda row: (len(row), -max(row), -row[max(row)].count if len(row) > 1 else 0))
+    shared = []
+    for row in rows:
+        last, everywhere = max(row), "both" if len(reports) == 2 else "all"
+        where = f"in {everywhere}" if len(row) == len(reports) else f"only in {', '.join(labels[side] for side in row)}"
+        counts = tuple(row[side].count if side in row else 0 for side in range(len(reports)))
+        cause = row[last]
+        shared.append(Shared(where, cause.rule, cause.text, counts, cause.example, last, *facts[last, cause.example]))
+    return tuple(shared)
 
 
 def differing(matrix: Matrix) -> int:
-    """Return the number of cells of a matrix in which two sessions differ."""
+    """Return the number of cells of a matrix in which two reports differ."""
     return sum(
         len(members) * sum(map(changed, entries)) for (_, entries), members in zip(matrix.rows, matrix.members, strict=True)
     )
 
 
 def changed(entry: Entry) -> bool:
-    """Return whether two sessions differ in a cell of a matrix."""
+    """Return whether two reports differ in a cell of a matrix."""
     return entry.text not in ("", SAME)

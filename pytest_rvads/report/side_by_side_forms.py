@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict, replace
 from functools import partial
 from itertools import groupby
+from operator import itemgetter
 from pathlib import Path
 from textwrap import wrap
 from typing import Any
@@ -18,11 +19,12 @@ from pytest_rvads.report.markdown import section
 from pytest_rvads.report.matrix import Matrix
 from pytest_rvads.report.outline import Section
 from pytest_rvads.report.page import rendered
-from pytest_rvads.report.side_by_side import SideBySide, changed, differing
+from pytest_rvads.report.side_by_side import Shared, SideBySide, changed, differing
 from pytest_rvads.support.decoding import encode
 from pytest_rvads.support.wording import first, one_line, plural
 
-_TITLE = "rvads: two sessions side by side"
+TITLE = "rvads: sessions side by side"
+Again = Callable[[Shared], str]
 _MOST = 10
 """Largest number of lines of a section, and of tables, that a terminal shows; further lines and tables are counted."""
 _LINE = 2000
@@ -52,42 +54,58 @@ def save(path: Path, sessions: SideBySide) -> None:
     write(path, form(sessions) if form else FORMATS[path.suffix](sessions.later, path.parent))
 
 
-def sections(sessions: SideBySide, most: int | None = None) -> Iterator[Section]:
-    """Yield the sections (parts) of the comparison of two sessions, in order; empty sections are left out."""
-    for letter, side in (("A", sessions.a), ("B", sessions.b)):
-        yield Section(f"{letter}: {side.name}", (*(f"note: {note}" for note in side.notes), *side.head), side=True)
+def sections(compared: SideBySide, most: int | None = None, again: Again = lambda cause: cause.example) -> Iterator[Section]:
+    """Yield the sections (parts) of a comparison in order; empty sections are left out.
+
+    Args:
+        again: returns the command that runs the example of a cause again.
+    """
+    two = len(compared.sides) == 2
+    for side in compared.sides:
+        title = side.name if side.label == side.name else f"{side.label}: {side.name}"
+        yield Section(title, (*(f"note: {note}" for note in side.notes), *side.head), side=True)
+    if two:
+        yield from _change_sections(compared, most)
+    lines, rows = [], []
+    for rule, tallies in compared.rules:
+        texts = [counted(tally) for tally in tallies]
+        change = f"{texts[0]} in {'both' if two else 'all'}" if len(set(texts)) == 1 else " -> ".join(t or "none" for t in texts)
+        lines.append(f"{rule}: {change}")
+        marks = ["bad" if any(kind and kind.bad for kind in tally) else "" for tally in tallies]
+        rows.append(((rule, ""), *zip(texts, marks, strict=True)))
+    labels = [side.label for side in compared.sides]
+    yield Section("verdicts per rule", tuple(_cut(lines, most)), ("rule", *labels), tuple(rows))
+    cause_lines, cause_rows = [], []
+    for cause in compared.causes:
+        count = " -> ".join(str(number) for number in cause.counts if number or len(labels) > 2)
+        command = again(cause)
+        cause_lines.append(f"{cause.where}: {count} x {cause.rule}: {cause.text} (first: {command})")
+        mark = ("bad" if cause.counts[-1] else "good") if two and not all(cause.counts) else ""
+        numbers = (str(number or "") for number in cause.counts)
+        texts = ((text, "") for text in (*numbers, cause.rule, cause.text))
+        cause_rows.append(((cause.where, mark), *texts, (cause.look, "look"), (command, "code")))
+    if cause_lines:
+        columns = ("where", *labels, "rule", "cause", "replay", "first")
+        yield Section("causes of failures", tuple(_cut(cause_lines, most)), columns, tuple(cause_rows))
+
+
+def _change_sections(sessions: SideBySide, most: int | None) -> Iterator[Section]:
+    """Yield the sections about what changed from one session to another."""
     if sessions.comparison.versions:
         yield Section("versions that differ", sessions.comparison.versions)
     changes = replace(sessions.comparison, versions=())
     what_changed = changes.headline
     if not sessions.differ:
+        a, b = sessions.sides
         absent = changes.count("OUTSIDE")
         more = f"; {plural(absent, 'item')} of A not selected in B" if absent else ""
-        dated = any(line.startswith("began ") for line in sessions.a.head)
-        once = "; they are reports of one session" if dated and sessions.a.head == sessions.b.head else ""
+        dated = any(line.startswith("began ") for line in a.head)
+        once = "; they are reports of one session" if dated and a.head == b.head else ""
         what_changed = f"no verdict of the {plural(sessions.common, 'item')} that both have differs{more}{once}"
     yield Section("what changed from A to B", (what_changed,))
     yield from _matrix_sections(sessions, most)
-    for kind, lines in groupby(changes.lines(most), lambda line: line.partition(" ")[0]):
-        yield Section(f"{kind}: {plural(changes.count(kind), 'item')}", tuple(line.removeprefix(kind).strip() for line in lines))
-    rule_lines, rule_rows = [], []
-    for ruled in sessions.rules:
-        was, now = counted(ruled.a), counted(ruled.b)
-        change = f"{now or 'none'} in both" if was == now else f"{was or 'none'} -> {now or 'none'}"
-        rule_lines.append(f"{ruled.rule}: {change}")
-        rule_rows.append(((ruled.rule, ""), (was, ""), (now, "")))
-    yield Section("verdicts per rule", tuple(_cut(rule_lines, most)), ("rule", "A", "B"), tuple(rule_rows))
-    cause_lines, cause_rows = [], []
-    for cause in sessions.causes:
-        in_both = cause.a and cause.b
-        count = f"{cause.a} -> {cause.b}" if in_both else str(cause.a or cause.b)
-        cause_lines.append(f"{cause.where}: {count} x {cause.rule}: {cause.text} (first: {cause.example})")
-        mark = "" if in_both else "bad" if cause.b else "good"
-        texts = (str(cause.a or ""), str(cause.b or ""), cause.rule, cause.text, cause.example)
-        cause_rows.append(((cause.where, mark), *((text, "") for text in texts)))
-    if cause_lines:
-        columns = ("where", "A", "B", "rule", "cause", "first")
-        yield Section("causes of failures", tuple(_cut(cause_lines, most)), columns, tuple(cause_rows))
+    for kind, listed in groupby(changes.listed(most), itemgetter(0)):
+        yield Section(f"{kind}: {plural(changes.count(kind), 'item')}", tuple(text for _, text in listed))
 
 
 def _matrix_sections(sessions: SideBySide, most: int | None) -> Iterator[Section]:
@@ -143,35 +161,38 @@ def _cut(lines: list[str], most: int | None) -> list[str]:
 
 
 def _markdown(sessions: SideBySide) -> str:
-    lines = [f"# {_TITLE}"]
+    lines = [f"# {TITLE}"]
     for part in sections(sessions):
         lines += ["", *section(part)]
     return "\n".join(lines) + "\n"
 
 
-def _json(sessions: SideBySide) -> str:
-    """Return the comparison of two sessions as JSON; numbers of verdicts have their status, or ``known``, as key."""
+def content(compared: SideBySide) -> dict[str, Any]:
+    """Return a comparison as values of JSON; numbers of verdicts have their status, or ``known``, as key."""
     tables: list[dict[str, Any]] = []
-    for matrix in sessions.matrices or ():
+    for matrix in compared.matrices or ():
         rows = [
             {"label": label, "variant": variant, "cells": [entry.text for entry in entries]}
             for (label, entries), variant in zip(matrix.rows, matrix.variants, strict=True)
         ]
         names = {"title": matrix.title, "junction": matrix.junction, "corner": matrix.corner}
         tables.append({**names, "columns": matrix.columns, "rows": rows})
-    content = {
+    return {
         "format": "rvads-comparison",
         "version": 1,
-        "a": asdict(sessions.a),
-        "b": asdict(sessions.b),
-        "common": sessions.common,
-        "versions": sessions.comparison.versions,
-        "changes": [asdict(change) for change in sessions.comparison.changes if change.kind != "UNCHANGED"],
-        "tables": None if sessions.matrices is None else tables,
-        "rules": [{"rule": ruled.rule, "a": _by_name(ruled.a), "b": _by_name(ruled.b)} for ruled in sessions.rules],
-        "causes": [{"where": cause.where, **asdict(cause)} for cause in sessions.causes],
+        "sides": [asdict(side) for side in compared.sides],
+        "common": compared.common,
+        "versions": compared.comparison.versions,
+        "changes": [asdict(change) for change in compared.comparison.changes if change.kind != "UNCHANGED"],
+        "tables": None if compared.matrices is None else tables,
+        "rules": [{"rule": rule, "verdicts": list(map(_by_name, tallies))} for rule, tallies in compared.rules],
+        "causes": [asdict(cause) for cause in compared.causes],
     }
-    return msgspec.json.format(encode(content), indent=1).decode() + "\n"
+
+
+def json_of(values: dict[str, Any]) -> str:
+    """Return values as indented JSON."""
+    return msgspec.json.format(encode(values), indent=1).decode() + "\n"
 
 
 def _by_name(counts: dict[Tallied, int]) -> dict[str, int]:
@@ -179,8 +200,8 @@ def _by_name(counts: dict[Tallied, int]) -> dict[str, int]:
 
 
 _FORMATS: dict[str, Callable[[SideBySide], str]] = {
-    ".html": lambda sessions: rendered(_TITLE, sections(sessions), {}),
+    ".html": lambda compared: rendered(TITLE, list(sections(compared)), {}),
     ".md": _markdown,
-    ".json": _json,
+    ".json": lambda compared: json_of(content(compared)),
 }
 """By the ending of a file, the function that renders both sessions."""

@@ -11,7 +11,7 @@ import os
 import time
 import weakref
 from array import array
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from io import BufferedReader, FileIO
 from itertools import chain
 from pathlib import Path
@@ -24,7 +24,8 @@ import numpy as np
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.record import Count, Record, SimulatedItem
 from pytest_rvads.report.run_record import by_rule
-from pytest_rvads.report.session_report import Anew, Report, exit_status
+from pytest_rvads.report.session_report import Report, exit_status
+from pytest_rvads.runs.measured import Divergence
 from pytest_rvads.support.decoding import decode, encode
 from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.storage import open_file
@@ -146,7 +147,8 @@ class Results:
         self._case_hashes: set[bytes] = set()
         self._index = array("q"), array("q"), array("q"), array("q")
         """Four columns with a row per result: number of the case, start of its hash, offset and length of its line [bytes]."""
-        self._outcomes: set[Outcome] = set()
+        self.outcomes: set[Outcome] = set()
+        """The outcomes of all verdicts."""
         try:
             file_head = self._scan()
             if file_head is None and head is not None:
@@ -202,7 +204,7 @@ class Results:
         for column, value in zip(self._index, (glance.number, int.from_bytes(key[:7]), place, len(line)), strict=True):
             column.append(value)
         self.verdicts += len(glance.verdicts)
-        self._outcomes.update(verdict.outcome for verdict in glance.verdicts)
+        self.outcomes.update(verdict.outcome for verdict in glance.verdicts)
         return True
 
     def add(self, line: bytes) -> None:
@@ -255,9 +257,16 @@ class Results:
         for line in self.lines():
             yield decode(line, Judged, f"{self.path} is damaged", RvadsError)
 
-    def records(self) -> Collection[Record]:
-        """Return the records, one per case and rule; every iteration over this collection reads the file."""
-        return Anew(lambda: chain.from_iterable(map(by_rule, self)), lambda: self.verdicts)
+    def records(
+        self, looks: Mapping[str, str] | None = None, flaky: Mapping[str, Divergence] | None = None
+    ) -> Collection[Record]:
+        """Return the records, one per case and rule; every iteration over this collection reads the file.
+
+        Args:
+            looks: by id of a record, the path of its replay page.
+            flaky: by name of a run, how it differed when it was simulated again; its failed records are FLAKY.
+        """
+        return _Records(self, looks or {}, flaky or {})
 
     @property
     def complete(self) -> bool:
@@ -267,7 +276,7 @@ class Results:
     @property
     def exitstatus(self) -> int:
         """Exit status: 0 for no failure, 1 for a failure, 2 for results that are not `complete`, 5 if nothing was judged."""
-        return exit_status(self._outcomes, complete=self.complete)
+        return exit_status(self.outcomes, complete=self.complete)
 
     def report(self, again: str = "") -> Report:
         """Return the report of the campaign, with the records of `records`.
@@ -304,6 +313,27 @@ class Results:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+class _Records(Collection[Record]):
+    """The records of a campaign; every iteration makes them from the file, because they can be larger than memory."""
+
+    def __init__(self, results: Results, looks: Mapping[str, str], flaky: Mapping[str, Divergence]) -> None:
+        self._results, self._looks, self._flaky = results, looks, flaky
+
+    def __iter__(self) -> Iterator[Record]:
+        for record in chain.from_iterable(map(by_rule, self._results)):
+            look, difference = self._looks.get(record.nodeid, ""), self._flaky.get(record.run or "")
+            if record.failed and difference:
+                yield msgspec.structs.replace(record, look=look, status=Outcome.FLAKY, flaky=difference)
+            else:
+                yield msgspec.structs.replace(record, look=look) if look else record
+
+    def __len__(self) -> int:
+        return self._results.verdicts
+
+    def __contains__(self, record: object) -> bool:
+        return any(item == record for item in self)
 
 
 def joined(paths: Sequence[str | os.PathLike[str]]) -> Results:

@@ -3,26 +3,20 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cache, cached_property
-from itertools import chain
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Any
-
-import msgspec
 
 from pytest_rvads.geometry.choosing import Choice, choose_among
 from pytest_rvads.geometry.finder import Kinds, load, name_of
-from pytest_rvads.logic.outcome import Outcome
-from pytest_rvads.report.record import Record
-from pytest_rvads.report.run_record import by_rule
-from pytest_rvads.report.session_report import Anew, Drawn
-from pytest_rvads.runs.measured import Divergence
-from pytest_rvads.satellites.campaigns.resultsfile import Judged
-from pytest_rvads.satellites.campaigns.town_page import Site, TownMap, spot, town_picture
+from pytest_rvads.logic.outcome import Outcome, Tallied
+from pytest_rvads.report.outline import Picture
+from pytest_rvads.report.session_report import Drawn, Report, exit_status
+from pytest_rvads.satellites.campaigns.replays import INTERRUPTED, Replays
+from pytest_rvads.satellites.campaigns.resultsfile import Results
+from pytest_rvads.satellites.campaigns.town_map import Site, town_picture
 from pytest_rvads.satellites.campaigns.town_plan import Plan, Request
-from pytest_rvads.satellites.campaigns.town_tally import Tally
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.selection import TOO_SHORT, TOO_TIGHT
 from pytest_rvads.support.errors import MapError
@@ -81,27 +75,29 @@ class Town:
         """Return, by name of the run, the case of each of the named runs."""
         return {planned.name: planned.case for planned in self.plan if planned.name in names}
 
-    def pictures(self) -> list[TownMap]:
-        """Return the pictures of the maps for the page."""
-        return [TownMap(map.stem, town_picture(load(map))) for map in self.maps]
-
-    def sites(self) -> list[Site]:
-        """Return the requested junctions, including refused junctions, map by map in the order of the files."""
+    def pictures(self, results: Results) -> list[Picture]:
+        """Return the pictures of the maps with the requested junctions, also the refused ones."""
+        verdicts: dict[str, Counter[Tallied]] = {}
+        runs: Counter[str] = Counter()
+        for result in results:
+            runs[result.junction] += 1
+            verdicts.setdefault(result.junction, Counter()).update(verdict.outcome for verdict in result.verdicts)
         usable = {(str(place.map), place.id): place for place in self.choice.junctions}
         refused = {(str(refusal.map), refusal.junction): refusal.reason for refusal in self.choice.refused}
-        sites = []
-        for number, map in enumerate(self.maps):
+        pictures = []
+        for map in self.maps:
+            sites = []
             for report in load(map).junctions:
-                key = str(map), report.id
-                if key not in refused and key not in usable:
-                    continue
-                name = name_of(map, report.id)
-                kind = f"{report.ways}-way {report.control.value}" if report.entrances else f"{report.ways}-way"
-                refusal_reason = refused.get(key) or self.plan.refused.get(name, "")
-                left_out = self.plan.left_out(usable[key]) if key in usable else None
-                notes = (f"{left_out.scenarios} scenarios are left out, the first: {left_out.reason}",) if left_out else ()
-                sites.append(Site(name, report.id, number, spot(report), kind, self.counts.get(name, 0), refusal_reason, notes))
-        return sites
+                key, name = (str(map), report.id), name_of(map, report.id)
+                if key in refused or key in usable:
+                    left_out = self.plan.left_out(usable[key]) if key in usable else None
+                    note = f"{left_out.scenarios} scenarios are left out, the first: {left_out.reason}" if left_out else ""
+                    reason = refused.get(key) or self.plan.refused.get(name, "")
+                    note = f"refused: {reason}" if reason else note
+                    incomplete = runs[name] < self.counts.get(name, 0)
+                    sites.append(Site(name, report, verdicts.get(name, Counter()), incomplete, note))
+            pictures.append(town_picture(map.stem, load(map), sites))
+        return pictures
 
     def refused(self) -> dict[str, tuple[str, ...]]:
         """Return the names of the left-out junctions, by reason."""
@@ -126,27 +122,23 @@ class Town:
         short = [place.name for place in self.plan.places if self.plan.selections(place)[0].too_short]
         return sentences + ([f"{plural(len(short), 'junction')} {TOO_SHORT}: {first(short, 5)}"] if short else [])
 
-
-def town_records(
-    judged: Iterable[Judged], looks: Mapping[tuple[str, str], str], flaky: Mapping[str, Divergence]
-) -> Collection[Record]:
-    """Return a record per case and rule; every iteration makes the records again, because memory may not hold all records."""
-
-    def records() -> Iterator[Record]:
-        for record in chain.from_iterable(map(by_rule, judged)):
-            changes: dict[str, Any] = {}
-            if look := looks.get((record.run or "", record.rule or "")):
-                changes["look"] = look
-            if record.failed and (difference := flaky.get(record.run or "")):
-                changes |= {"status": Outcome.FLAKY, "flaky": difference}
-            yield msgspec.structs.replace(record, **changes) if changes else record
-
-    return Anew(records, cache(lambda: sum(len(result.verdicts) for result in judged)))
-
-
-def tallied(judged: Iterable[Judged]) -> dict[str, Tally]:
-    """Return the sums of the results at each junction, by name of the junction."""
-    tallies: dict[str, Tally] = {}
-    for result in judged:
-        tallies.setdefault(result.junction, Tally()).add(result)
-    return tallies
+    def report(self, results: Results, replays: Replays, again: str, cut: str) -> Report:
+        """Return the report of the results, given the reason why the campaign was cut short, if any."""
+        missing = self.runs - len(results)
+        notes = [*self.notes(), *replays.notes]
+        if missing:
+            why = cut or "results are missing"
+            notes.insert(0, f"INCOMPLETE: {why}, {missing} runs have no result: run it again to continue")
+        complete = not missing and INTERRUPTED not in notes
+        places = self.plan.places
+        return replace(
+            results.report(again=again),
+            records=results.records(replays.looks, replays.flaky),
+            notes=tuple(notes),
+            exitstatus=exit_status(results.outcomes | ({Outcome.FLAKY} if replays.flaky else set()), complete=complete),
+            complete=complete,
+            extents=self.plan.extents(),
+            refused=self.refused(),
+            drawn=self.drawn(),
+            unfit={place.name: left_out.scenarios for place in places if (left_out := self.plan.left_out(place))},
+        )

@@ -13,12 +13,12 @@ from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pytest_rvads.cli.common import MAP_FORMATS, Subparsers, listed_rules, make_folder, say, terminable, warn
+from pytest_rvads.cli.common import MAP_FORMATS, Subparsers, listed_rules, make_folder, say, show, terminable, warn
 from pytest_rvads.cli.shared_options import declare_driver, declare_rules, opened_driver, opened_executor, program, share
 from pytest_rvads.geometry.network import HAND
 from pytest_rvads.report.session_report import NOTHING_JUDGED
 from pytest_rvads.support.errors import RvadsError, ScenarioError
-from pytest_rvads.support.wording import first, plural
+from pytest_rvads.support.wording import first, plural, quoted
 
 if TYPE_CHECKING:
     from pytest_rvads.satellites.campaigns.town import Town
@@ -180,24 +180,21 @@ def _judge_town(
     town: Town, simulator: Simulator, options: argparse.Namespace, folder: Path, executor: Executor | int | None
 ) -> int:
     """Simulate and judge the runs, write page and reports, also after an interruption, and return the exit status."""
+    from pytest_rvads.report.files import save, write
+    from pytest_rvads.report.page import page
     from pytest_rvads.satellites.campaigns.campaign import campaign
+    from pytest_rvads.satellites.campaigns.replays import Replays, draw_replays, progressing
     from pytest_rvads.satellites.campaigns.resultsfile import Results
-    from pytest_rvads.satellites.campaigns.town_output import progressing, written
 
     again = _rerun_command(options)
     path = None if options.only else folder / f"results-{_results_digest(town, simulator, options)}.jsonl"
     if path is not None and path.exists():
         warn(f"{path} has results of this town: cases with a result are not simulated again")
+    cut, rules, replays = "", town.plan.request.rules, Replays()
     try:
         with progressing("runs") as progress:
             results = campaign(
-                town.cases(),
-                town.plan.request.rules,
-                executor=executor,
-                results=path,
-                simulator=simulator,
-                progress=progress,
-                total=town.runs,
+                town.cases(), rules, executor=executor, results=path, simulator=simulator, progress=progress, total=town.runs
             )
     except (KeyboardInterrupt, RvadsError) as stopped:
         if path is None or not path.exists():
@@ -206,14 +203,33 @@ def _judge_town(
             results = Results(path)
         except (RvadsError, OSError):
             raise stopped from None
+        if not len(results):
+            results.close()
+            raise
         cut = "interrupted" if isinstance(stopped, KeyboardInterrupt) else str(stopped)
-        with results:
-            if not len(results):
-                raise stopped
-            warn(f"rvads: {cut}")
-            return written(town, simulator, again, results, folder, executor, cut)
+        warn(f"rvads: {cut}")
     with results:
-        return written(town, simulator, again, results, folder, executor)
+        if not cut:
+            with progressing("replays") as progress:
+                replays = draw_replays(
+                    results.records(),
+                    town.case_of,
+                    rules,
+                    lambda name: f"{again} {quoted(name)}",
+                    folder,
+                    executor,
+                    simulator,
+                    progress,
+                )
+        report = town.report(results, replays, again, cut)
+        title = f"rvads town: {', '.join(map.stem for map in town.maps)}"
+        write(folder / "town.html", page(report, folder, title, town.pictures(results)))
+        save(folder / "town.json", report)
+        show(report)
+        for note in report.notes:
+            say(note)
+        say(f"look: {folder / 'town.html'}")
+        return report.exitstatus
 
 
 def _results_digest(town: Town, simulator: Simulator, options: argparse.Namespace) -> str:

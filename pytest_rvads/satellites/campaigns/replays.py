@@ -1,0 +1,162 @@
+"""Draws the replays of a campaign's failures, and shows the progress of a campaign on standard error.
+
+The progress is a bar with the remaining time, or a line per tenth of the jobs if there is no terminal. This module imports rich.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import contextmanager
+from functools import partial
+from itertools import zip_longest
+from pathlib import Path
+from typing import NamedTuple
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import Progress as ProgressBar
+
+from pytest_rvads.cli.common import warn
+from pytest_rvads.logic.check import check, sentence
+from pytest_rvads.logic.rules.book import rules_for
+from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.report.failure_page import failure_pages
+from pytest_rvads.report.record import Record
+from pytest_rvads.report.triage import ByText, causes, provoked, unavoidable
+from pytest_rvads.runs.measured import Divergence
+from pytest_rvads.scenarios.case import Case
+from pytest_rvads.simulators.simulator import Simulator, simulate
+from pytest_rvads.support.errors import RvadsError
+from pytest_rvads.support.executors import Progress, gathered
+from pytest_rvads.support.executors.teams import Failed
+from pytest_rvads.support.storage import slug, write_file
+
+MOST = 100
+"""Largest number of runs whose replay pages are drawn; a page has some 100 KB, and nobody looks at more pages."""
+INTERRUPTED = "INCOMPLETE: interrupted"
+"""Note on results that end with an interruption by Ctrl-C or a signal."""
+_OTHERWISE = "the same start gave another run when it was simulated again, so its verdicts mean little"
+
+
+class Replays(NamedTuple):
+    """The drawn replay pages of a campaign, and notes on replays that were not drawn."""
+
+    looks: Mapping[str, str] = {}
+    """By id of an item, the path of its page, ending in the time of the violation."""
+    flaky: Mapping[str, Divergence] = {}
+    """By name of a run, its difference; only runs that differed when they were simulated again for their replay pages."""
+    notes: tuple[str, ...] = ()
+    """Sentences on replay pages that could not be drawn, with the reasons."""
+
+
+def examples(records: Collection[Record]) -> list[Record]:
+    """Return the first record with a run of every cause: of the gravest cause of every junction, then of the second gravest."""
+    groups: dict[str, tuple[ByText, ...]] = {}
+    for record in records:
+        for group in groups.get(record.junction) or groups.setdefault(record.junction, (causes(), provoked(), unavoidable())):
+            group.add(record)
+    by_junction = [[cause.example for group in found for cause in group.causes()] for found in groups.values()]
+    ids = dict.fromkeys(id for turn in zip_longest(*by_junction) for id in turn if id)
+    found = {record.nodeid: record for record in records if record.nodeid in ids}
+    return [found[id] for id in ids if found[id].hash]
+
+
+def draw_replays(
+    records: Collection[Record],
+    case_of: Callable[[Collection[str]], Mapping[str, Case]],
+    rules: Sequence[str | Rule],
+    again: Callable[[str], str],
+    folder: Path,
+    executor: Executor | int | None,
+    simulator: Simulator,
+    progress: Progress,
+) -> Replays:
+    """Simulate the example run of every cause of failures again, and write replay pages of its violations."""
+    chosen = examples(records)
+    asked: dict[str, list[Record]] = {}
+    for record in chosen[:MOST]:
+        asked.setdefault(record.run or "", []).append(record)
+    cases = case_of(asked)
+    names = sorted(cases)
+    jobs = []
+    for name in names:
+        wanted = {record.asks for record in asked[name]}
+        own_rules = tuple(rule for rule in rules_for(rules, cases[name].scenario.place) if rule.name in wanted)
+        jobs.append((cases[name], own_rules, again(name)))
+    looks: dict[str, str] = {}
+    flaky: dict[str, Divergence] = {}
+    troubles, notes = list[str](), list[str]()
+    try:
+        for finished, (number, answer) in enumerate(gathered(partial(_draw, simulator), jobs, executor, batch=1), start=1):
+            name = names[number]
+            progress(finished, len(jobs))
+            if isinstance(answer, Failed):
+                troubles.append(f"{name}: {sentence(answer.error)}")
+                continue
+            hash, pages = answer
+            if hash != asked[name][0].hash:
+                flaky[name] = Divergence("hash", text=_OTHERWISE)
+            for rule, time, html in pages:
+                look = folder / "replays" / f"{slug(f'{name}-{rule}')}.html"
+                write_file(look, html.encode())
+                looks[f"{name}-{rule}"] = f"{look}#t={time:.2f}"
+    except KeyboardInterrupt:
+        notes.append(INTERRUPTED)
+    if len(chosen) > MOST:
+        notes.append(f"{len(chosen) - MOST} of {len(chosen)} causes have no replay: the first {MOST} were drawn")
+    if troubles:
+        notes.append(f"{len(troubles)} replays could not be drawn, the first: {min(troubles)}")
+    if flaky:
+        notes.append(f"{len(flaky)} runs were different when they were simulated again, the first: {min(flaky)}")
+    return Replays(looks, flaky, tuple(notes))
+
+
+def _draw(simulator: Simulator, job: tuple[Case, Sequence[Rule], str]) -> tuple[str, list[tuple[str, float, str]]]:
+    """Simulate and judge a run; return its hash, and per replay page the rule, the time of the violation [s] and the HTML."""
+    case, rules, again = job
+    run = simulate(case, simulator)
+    pages = []
+    for rule in rules:
+        try:
+            verdict = check(run, rule)
+            page = next(failure_pages(run, verdict, rule, f"{verdict.explanation}\nagain     {again}"))
+        except RvadsError:  # a run that a fault ended at its start has no page
+            continue
+        pages.append((rule.name, page.time, page.html))
+    return run.hash, pages
+
+
+@contextmanager
+def progressing(what: str) -> Iterator[Progress]:
+    """Yield a function that shows progress on standard error, called with the number of finished jobs and of all jobs."""
+    if not sys.stderr.isatty():
+        yield _Lines(what)
+        return
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
+    with ProgressBar(*columns, console=Console(stderr=True)) as bars:
+        task = bars.add_task(what, total=None)
+
+        def show(done: int, total: int) -> None:
+            bars.update(task, completed=done, total=total)
+
+        yield show
+
+
+class _Lines:
+    def __init__(self, what: str) -> None:
+        self._what, self._last_tenth = what, -1
+
+    def __call__(self, done: int, total: int) -> None:
+        tenth = 10 * done // max(total, 1)
+        if tenth > self._last_tenth and done:
+            self._last_tenth = tenth
+            warn(f"{done}/{total} {self._what}")
