@@ -15,7 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from pytest_rvads.report.markdown import section
-from pytest_rvads.satellites.campaigns.league_output import sections
+from pytest_rvads.report.outline import Section
 
 ROOT = Path(__file__).parents[1]
 PAGE, RESULTS, PICTURES = (ROOT / "docs" / name for name in ("league.md", "league.json", "league"))
@@ -29,10 +29,7 @@ def main() -> None:
     parser.add_argument("--pictures", type=Path, metavar="FOLDER", help="draw the findings with CARLA's agents in this folder")
     options = parser.parse_args()
     if options.results:
-        league = json.loads(options.results.read_text(encoding="utf-8"))
-        for cause in (cause for driver in league["drivers"] for cause in driver["causes"]):
-            cause["look"] = ""  # replay pages are no part of the documentation
-        RESULTS.write_text(json.dumps(league, indent=1) + "\n", encoding="utf-8")
+        RESULTS.write_text(options.results.read_text(encoding="utf-8"), encoding="utf-8")
     if options.pictures:
         for name, svg in pictures(options.pictures):
             (PICTURES / name).write_text(svg, encoding="utf-8")
@@ -43,11 +40,10 @@ def page() -> str:
     """Return the page: the text before the tables as it is, then the tables."""
     league = json.loads(RESULTS.read_text(encoding="utf-8"))
     lines = [PAGE.read_text(encoding="utf-8").partition(MARK)[0] + MARK]
-    for part in sections(league):
-        if part.title.startswith("causes"):  # without the column of replay pages
-            rows = tuple((*row[:3], *row[4:]) for row in part.rows)
-            part = replace(part, columns=(*part.columns[:3], *part.columns[4:]), rows=rows)
-        lines += ["", *section(replace(part, title=part.title[0].upper() + part.title[1:]))]
+    for part in (Section(**fields) for fields in league["sections"] if not fields["side"]):
+        kept = [number for number, column in enumerate(part.columns) if column != "replay"]  # replays are no part of the page
+        columns, rows = tuple(part.columns[k] for k in kept), tuple(tuple(row[k] for k in kept) for row in part.rows)
+        lines += ["", *section(replace(part, title=part.title[0].upper() + part.title[1:], columns=columns, rows=rows))]
     return "\n".join(lines) + "\n"
 
 

@@ -191,7 +191,7 @@ def _page(certificates: Sequence[Mapping[str, Any]]) -> str:
         blocks.append(Picture((summary,), certificate["junction"], picture))
         if failures:
             blocks.append(Section(f"broken at {certificate['junction']}", (), ("starts", "verdict", "again"), tuple(failures)))
-    return rendered("critical starts", blocks, None, "all_lines.css")
+    return rendered("critical starts", blocks, None, Path(), "all_lines.css")
 
 
 def _merged(group: Sequence[Mapping[str, Any]]) -> Iterator[Sequence[Mapping[str, Any]]]:

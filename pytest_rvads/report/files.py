@@ -21,7 +21,7 @@ from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.markdown import markdown
 from pytest_rvads.report.outline import outline
 from pytest_rvads.report.page import page
-from pytest_rvads.report.record import Record, properties
+from pytest_rvads.report.record import properties
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.support.decoding import decode, encode
 from pytest_rvads.support.errors import RvadsError
@@ -147,14 +147,12 @@ def table(report: Report) -> Iterator[str]:
     """
     yield _csv_row(["requirement", *_COLUMNS, "versions", "message"])
     versions = "; ".join(f"{name} {version}" for name, version in report.versions.items())
-    rows: dict[str, list[Record]] = {}
-    for record in report.records:
-        for requirement in record.requirements or ("",):
-            rows.setdefault(requirement, []).append(record)
-    for requirement in sorted(rows, key=lambda name: (name == "", name)):
-        for record in rows[requirement]:
-            cells = [getattr(record, name, "") for name in _COLUMNS.values()]
-            yield _csv_row([requirement, *cells, versions, record.message])
+    requirements = {name for record in report.records for name in record.requirements or ("",)}
+    for requirement in sorted(requirements, key=lambda name: (name == "", name)):
+        for record in report.records:
+            if requirement in (record.requirements or ("",)):
+                cells = [getattr(record, name, "") for name in _COLUMNS.values()]
+                yield _csv_row([requirement, *cells, versions, record.message])
 
 
 def _csv_row(cells: Iterable[object]) -> str:

@@ -146,7 +146,7 @@ class Section:
     lines: tuple[str, ...]
     columns: tuple[str, ...] = ()
     rows: tuple[tuple[tuple[str, str], ...], ...] = ()
-    """The cells of the table: texts with the mark ``good``, ``bad``, ``bars`` for a histogram in text, ``look`` for the address
+    """The cells of the table: texts with the mark ``good``, ``bad``, ``bars`` for a histogram in text, ``look`` for the path
     of a replay page, ``code`` for a command, or an empty mark."""
     side: bool = False
     """Whether the part is shown beside another part if the page is wide enough."""

@@ -7,6 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
+from functools import partial
 from heapq import nsmallest
 from pathlib import Path
 from typing import Any
@@ -64,13 +65,28 @@ def page(report: Report, folder: Path, title: str = "rvads verdicts", pictures: 
     }
     starts = next((path for path in (folder / STARTS, folder.parent / STARTS) if path.is_file()), None)
     link = os.path.relpath(starts, folder).replace(os.sep, "/") if starts else ""
-    return rendered(title, [*blocks, *pictures], content, "items.js", "picture.js", with_items=True, starts=link)
+    return rendered(title, [*blocks, *pictures], content, folder, "items.js", "picture.js", with_items=True, starts=link)
 
 
-def rendered(title: str, blocks: Sequence[Block], data: object, *sources: str, with_items: bool = False, starts: str = "") -> str:
-    """Return an HTML page that shows the beginning and the figures of an outline; scripts show the rest from `data`."""
-    shown = {"same": SAME, "long": LONG, "with_items": with_items, "starts": starts}
-    return webpage("page.html", title, data, "page.css", *sources, blocks=blocks, **shown)
+def rendered(
+    title: str,
+    blocks: Sequence[Block],
+    data: object,
+    folder: Path,
+    *sources: str,
+    with_items: bool = False,
+    starts: str = "",
+) -> str:
+    """Return an HTML page that shows the beginning and the figures of an outline; scripts show the rest from `data`.
+
+    Args:
+        folder: the folder of the page, from which its links start.
+        sources: names of further style sheets and scripts.
+        with_items: whether the page has a place for the items of a report.
+        starts: address of the page of critical starts; empty without one.
+    """
+    more = {"same": SAME, "long": LONG, "link": partial(_page_link, folder=folder), "with_items": with_items, "starts": starts}
+    return webpage("page.html", title, data, ("page.css", *sources), blocks=blocks, **more)
 
 
 def _page_records(report: Report) -> list[Record]:

@@ -143,7 +143,9 @@ def _standing(record: Record) -> tuple[Place, Outcome, str]:
 
 
 def _shared_causes(reports: Sequence[Report], labels: Sequence[str]) -> tuple[Shared, ...]:
-    """Return the causes of failures: first those of the last report only, then those of other reports only, then shared ones.
+    """Return the causes of failures: of two reports, first those of the later, then those of the earlier, then shared ones.
+
+    Of more reports, the causes with most failures come first.
 
     Causes with equal texts are the same cause. Among all other causes, causes whose texts differ only in numbers are the same.
     """
@@ -167,7 +169,10 @@ def _shared_causes(reports: Sequence[Report], labels: Sequence[str]) -> tuple[Sh
                     matching.pop(0)[side] = cause
                     waiting.remove(cause)
         rows += [{side: cause} for cause in waiting]
-    rows.sort(key=lambda row: (len(row), -max(row), -row[max(row)].count if len(row) > 1 else 0))
+    if len(reports) == 2:
+        rows.sort(key=lambda row: (len(row), -max(row), -row[1].count if len(row) > 1 else 0))
+    else:
+        rows.sort(key=lambda row: -sum(cause.count for cause in row.values()))
     shared = []
     for row in rows:
         last, everywhere = max(row), "both" if len(reports) == 2 else "all"

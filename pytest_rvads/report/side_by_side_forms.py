@@ -51,7 +51,7 @@ def save(path: Path, sessions: SideBySide) -> None:
     A format with a row or case per item, which can't show two sessions, shows the later session and the changes.
     """
     form = _FORMATS.get(fitting(path).suffix)
-    write(path, form(sessions) if form else FORMATS[path.suffix](sessions.later, path.parent))
+    write(path, form(sessions, path.parent) if form else FORMATS[path.suffix](sessions.later, path.parent))
 
 
 def sections(compared: SideBySide, most: int | None = None, again: Again = lambda cause: cause.example) -> Iterator[Section]:
@@ -75,17 +75,19 @@ def sections(compared: SideBySide, most: int | None = None, again: Again = lambd
         rows.append(((rule, ""), *zip(texts, marks, strict=True)))
     labels = [side.label for side in compared.sides]
     yield Section("verdicts per rule", tuple(_cut(lines, most)), ("rule", *labels), tuple(rows))
-    cause_lines, cause_rows = [], []
+    cause_lines, cause_rows, drawn = [], [], any(cause.look for cause in compared.causes)
     for cause in compared.causes:
         count = " -> ".join(str(number) for number in cause.counts if number or len(labels) > 2)
         command = again(cause)
         cause_lines.append(f"{cause.where}: {count} x {cause.rule}: {cause.text} (first: {command})")
         mark = ("bad" if cause.counts[-1] else "good") if two and not all(cause.counts) else ""
         numbers = (str(number or "") for number in cause.counts)
-        texts = ((text, "") for text in (*numbers, cause.rule, cause.text))
-        cause_rows.append(((cause.where, mark), *texts, (cause.look, "look"), (command, "code")))
+        cells = ((text, "") for text in (*numbers, cause.rule, cause.text))
+        look = ((cause.look, "look"),) if drawn else ()
+        where = ((cause.where, mark),) if two else ()
+        cause_rows.append((*where, *cells, *look, (command, "code")))
     if cause_lines:
-        columns = ("where", *labels, "rule", "cause", "replay", "first")
+        columns = (*(["where"] if two else []), *labels, "rule", "cause", *(["replay"] if drawn else []), "first")
         yield Section("causes of failures", tuple(_cut(cause_lines, most)), columns, tuple(cause_rows))
 
 
@@ -199,9 +201,9 @@ def _by_name(counts: dict[Tallied, int]) -> dict[str, int]:
     return {"known" if kind is None else kind.value: count for kind, count in counts.items()}
 
 
-_FORMATS: dict[str, Callable[[SideBySide], str]] = {
-    ".html": lambda compared: rendered(TITLE, list(sections(compared)), {}),
-    ".md": _markdown,
-    ".json": lambda compared: json_of(content(compared)),
+_FORMATS: dict[str, Callable[[SideBySide, Path], str]] = {
+    ".html": lambda compared, folder: rendered(TITLE, list(sections(compared)), {}, folder),
+    ".md": lambda compared, _: _markdown(compared),
+    ".json": lambda compared, _: json_of(content(compared)),
 }
-"""By the ending of a file, the function that renders both sessions."""
+"""By the ending of a file, the function that renders the reports for a file in a folder."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from base64 import b64encode
+from collections.abc import Sequence
 from functools import cache
 from hashlib import sha256
 from importlib.resources import files
@@ -16,7 +17,7 @@ from pytest_rvads.logic.outcome import MARKS
 from pytest_rvads.support.wording import printable
 
 
-def webpage(template: str, title: str, data: object, *sources: str, style: str = "", **content: Any) -> str:
+def webpage(template: str, title: str, data: object, sources: Sequence[str], *, style: str = "", **content: Any) -> str:
     """Return an HTML page.
 
     Args:

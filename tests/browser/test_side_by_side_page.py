@@ -27,12 +27,12 @@ def session(*failing: int) -> Report:
 @pytest.mark.parametrize("width", [375, 1280])
 def test_a_comparison_is_shown_as_text_and_fits(browser: Any, tmp_path: Path, width: int) -> None:
     path = tmp_path / "out.html"
-    save(path, side_by_side((HOSTILE, session(1)), ("new.json", session(*range(2, 25)))))
+    save(path, side_by_side([(HOSTILE, session(1)), ("new.json", session(*range(2, 25)))]))
     browser.execute_cdp_cmd(
         "Emulation.setDeviceMetricsOverride", {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 500}
     )
     browser.get(f"file://{path}")
-    assert browser.title == "rvads: two sessions side by side"
+    assert browser.title == "rvads: sessions side by side"
     assert browser.find_elements("css selector", "img, b") == []
     titles = [one.text for one in browser.find_elements("tag name", "h2")]
     assert titles[:2] == [f"A: {HOSTILE}", "B: new.json"]

@@ -19,7 +19,8 @@ from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.conduct.kpis import arrival_differences, kpis
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
-from pytest_rvads.report.coverage import SIMULTANEOUS, ArrivalCoverage, Tried, untested
+from pytest_rvads.report.counting import Counts, counted
+from pytest_rvads.report.coverage import SIMULTANEOUS, Tried, arrivals_line, pairs_tried, untested
 from pytest_rvads.report.outline import Figures, outline
 from pytest_rvads.report.page import page
 from pytest_rvads.report.record import Record, conclude, planned_record
@@ -65,16 +66,13 @@ def record(run: Run, number: int = 0, status: str = "PASS", **more: Any) -> Reco
     return structs.replace(made, **{**of_run(run), "arrivals": arrival_differences(run), **more})
 
 
-def coverage(*records: Record) -> ArrivalCoverage:
-    arrivals = ArrivalCoverage()
-    for one in records:
-        arrivals.add(one)
-    return arrivals
+def coverage(*records: Record) -> Counts:
+    return counted(Report(records))
 
 
-def counts(arrivals: ArrivalCoverage) -> dict[tuple[str, str], dict[int, int]]:
+def counts(arrivals: Counts) -> dict[tuple[str, str], dict[int, int]]:
     """Return how often each difference was tried, by pair of movements, in ticks of 0.01 s."""
-    return {(own, other): dict(tried.counts) for _, own, other, tried in arrivals.rows()}
+    return {(own, other): dict(tried.counts) for _, own, other, tried in pairs_tried(arrivals)}
 
 
 def test_differences_are_those_of_the_subject() -> None:
@@ -145,7 +143,7 @@ def test_a_run_counts_once_and_only_if_a_rule_judged_it() -> None:
 def test_the_line_tells_orders_pairs_and_the_largest_gap() -> None:
     runs = [driven({STRAIGHT: 3.0, FROM_RIGHT: time}) for time in (1.0, 2.5, 3.0, 3.5, 8.0)]
     runs += [driven({STRAIGHT: 3.0, FROM_LEFT: time}) for time in (3.0, 6.0)]
-    line = coverage(*(record(run, number) for number, run in enumerate(runs))).line()
+    line = arrivals_line(coverage(*(record(run, number) for number, run in enumerate(runs))))
     assert line == (
         "arrivals: 2 of 14 pairs of conflicting movements met, the other vehicle 1 times first, 4 together, 2 later; largest "
         "untested gap 6 s (-6 to 0 s) at stop4, vehicle under test from lane 0.0 to 2.0, other vehicle from 3.0 to 1.0"
@@ -154,7 +152,7 @@ def test_the_line_tells_orders_pairs_and_the_largest_gap() -> None:
 
 def test_the_gap_of_a_pair_reaches_from_difference_to_difference() -> None:
     runs = [driven({STRAIGHT: 6.0, FROM_RIGHT: time}) for time in (1.0, 3.0, 7.5, 11.0)]
-    ((_, _, _, pair),) = coverage(*(record(run, number) for number, run in enumerate(runs))).rows()
+    ((_, _, _, pair),) = pairs_tried(coverage(*(record(run, number) for number, run in enumerate(runs))))
     assert (pair.gap, pair.length, str(pair)) == ((-3.0, 1.5), 4.5, "4.5 s (-3 to 1.5 s)")
 
 

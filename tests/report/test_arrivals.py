@@ -4,8 +4,10 @@ import pytest
 from msgspec import structs
 
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
+from pytest_rvads.report.counting import counted
 from pytest_rvads.report.record import Record, conclude, planned_record
-from pytest_rvads.report.rollup import AtJunctions
+from pytest_rvads.report.rollup import junction_lines
+from pytest_rvads.report.session_report import Report
 from pytest_rvads.runs.measured import Kpis, VehicleKpis
 
 
@@ -20,11 +22,9 @@ def run(number: int, subject: str | None, pet: float | None, **arrivals: float |
 
 
 def told(*records: Record) -> list[str]:
-    places = AtJunctions({})
-    for one in records:
-        places.add(one)
-    (place,) = places.junctions
-    return place.lines()[1:]
+    counts = counted(Report(records))
+    (site,) = counts.first
+    return list(junction_lines(counts, site))[1:]
 
 
 def test_simultaneous_arrivals_are_counted_of_all() -> None:

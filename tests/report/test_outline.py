@@ -141,7 +141,7 @@ def facts(block: Block) -> Iterator[str]:
             yield from lines
             yield from (text for row in table.rows for text, _ in row[:-1])  # bars are for eyes, lines have numbers
         case _:
-            yield from block.lines
+            yield from block.plain()
 
 
 def strings(value: Any) -> Iterator[str]:

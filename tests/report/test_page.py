@@ -47,10 +47,10 @@ def content(report: Report) -> Any:
 
 def colours() -> dict[str, dict[str, str]]:
     """By theme the colours that the style of the page names."""
-    style = files("pytest_rvads.report").joinpath("page.css").read_text(encoding="utf-8")
-    themes = {"light": r"^:root\{([^}]*)\}", "dark": r":root\[data-theme=dark\]\{([^}]*)\}"}
-    found = {name: re.search(pattern, style, re.MULTILINE) for name, pattern in themes.items()}
-    return {name: dict(re.findall(r"--(\w+):(#\w+)", block[1])) for name, block in found.items() if block}
+    (style,) = re.findall("<style>(.*?)</style>", page(ONE, Path()), re.DOTALL)
+    themes = {"light": r":root\{([^}]*)\}", "dark": r":root\[data-theme=dark\]\{([^}]*)\}"}
+    found = {name: "".join(re.findall(pattern, style)) for name, pattern in themes.items()}
+    return {name: dict(re.findall(r"--(\w+):(#\w+)", blocks)) for name, blocks in found.items()}
 
 
 def contrast(one: str, other: str) -> float:
@@ -78,7 +78,7 @@ def test_texts_can_be_read_in_both_themes(theme: str) -> None:
     for text, ground in product(("fg", "faint", "link"), ("bg", "soft")):
         assert contrast(named[text], named[ground]) >= 4.5, f"{text} on {ground}"
     assert contrast(named["bad"], named["bg"]) >= 4.5, "a failure in a table"
-    for mark in ("good", "bad", "doubt", "faint"):
+    for mark in ("good", "bad", "error", "doubt", "none", "faint"):
         assert contrast(named[mark], named["bg"]) >= 3, f"{mark}, which is no text"
 
 
@@ -93,11 +93,11 @@ def test_a_page_begins_with_what_the_session_was() -> None:
     terms = re.findall("<dt>(.*?)</dt><dd>(.*?)</dd>", text)
     assert terms == [
         ("began", "2026-11-23T12:46:18+00:00"),
-        ("driven by", "mine.Pilot (pilots.py 3fa29c01): 2 runs"),
-        ("simulated by", "bullet: 2 runs"),
         ("command", "pytest -q"),
         ("result", "3 verdicts on 2 runs: 1 pass, 1 fail, 1 NA"),
         ("exit status", "1"),
+        ("driven by", "mine.Pilot (pilots.py 3fa29c01): 2 runs"),
+        ("simulated by", "bullet: 2 runs"),
     ]
     places = [text.index(part) for part in ("<dl class=head>", "id=causes", 'id="failures"', 'id="folded"') if part in text]
     assert places == sorted(places)
@@ -161,7 +161,7 @@ def test_pasted_command_quotes_hostile_names(name: str) -> None:
     assert item["draw"] == f"rvads replay '{name}'"
     assert cause["again"] == f"pytest '{name}'"
     blocks = outline(report)
-    assert [block.first(name) for block in blocks if isinstance(block, Changes)] == [f"pytest '{name}'"]
+    assert [block.first for block in blocks if isinstance(block, Changes)] == [f"pytest '{name}'"]
     assert any(line.endswith(f"(first: pytest '{name}')") for block in blocks for line in block.plain())
     assert f"first: pytest '{name}'" in summary(report, colour=False, width=200, unicode=True)
     (annotation,) = annotate(report, Path("/repo"), Path("/repo"))

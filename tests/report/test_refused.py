@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 
 from pytest_rvads.cli.report_commands import merge
+from pytest_rvads.report.figures import refused
 from pytest_rvads.report.files import FORMATS, load, save
-from pytest_rvads.report.outline import outline, refused
+from pytest_rvads.report.outline import outline
 from pytest_rvads.report.record import planned_record
 from pytest_rvads.report.session_report import Drawn, Report
 

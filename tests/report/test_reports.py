@@ -18,13 +18,14 @@ from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.logic.rules.book import rulebook
 from pytest_rvads.report import triage
-from pytest_rvads.report.figures import Extremes
+from pytest_rvads.report.counting import counted
+from pytest_rvads.report.figures import figures
 from pytest_rvads.report.files import load, save, table
 from pytest_rvads.report.markdown import markdown
 from pytest_rvads.report.matrix import Matrices, Matrix
 from pytest_rvads.report.page import page
 from pytest_rvads.report.record import Record, conclude, planned_record, properties
-from pytest_rvads.report.rollup import AtJunctions
+from pytest_rvads.report.rollup import junction_lines
 from pytest_rvads.report.session_report import Comparison, Report, cell_of, exit_status, steady
 from pytest_rvads.report.terminal import summary
 from pytest_rvads.report.triage import Cause
@@ -51,11 +52,12 @@ def causes(records: Iterable[Record]) -> list[Cause]:
 
 
 def at_junctions(records: Iterable[Record], totals: dict[int, tuple[int, int]]) -> list[str]:
-    return [place.line() for place in filled(AtJunctions(totals), records).junctions]
+    counts = counted(Report(tuple(records), totals))
+    return [next(junction_lines(counts, site)) for site in counts.first]
 
 
 def extremes(records: Iterable[Record]) -> list[str]:
-    return list(filled(Extremes(), records).lines())
+    return [line for line in figures(counted(Report(tuple(records))), short=False) if line.startswith(("nearest: ", "most: "))]
 
 
 def record(

@@ -17,8 +17,9 @@ from msgspec.structs import replace
 
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.outcome import Outcome
-from pytest_rvads.report import files, matrix, rollup, triage
-from pytest_rvads.report.coverage import measure
+from pytest_rvads.report import matrix, rollup, triage
+from pytest_rvads.report.counting import counted
+from pytest_rvads.report.coverage import cell_coverage
 from pytest_rvads.report.files import FORMATS, load
 from pytest_rvads.report.markdown import markdown
 from pytest_rvads.report.outline import Causes, Figures, Head, RollUp, Verdicts, outline
@@ -365,8 +366,7 @@ def test_streamed_records_render_like_a_tuple(form: str) -> None:
 
 @pytest.mark.parametrize("form", [".json", ".csv", "terminal"])
 def test_memory_grows_by_a_fraction_of_what_the_records_take(form: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(matrix, "_MOST", 100)  # what tables and rows that wait take is bounded, but larger than this
-    monkeypatch.setattr(files, "_WAITING", 1000)
+    monkeypatch.setattr(matrix, "_MOST", 100)  # what tables take is bounded, but larger than this
 
     def peak(records: Collection[Record]) -> int:
         report = Report(records)
@@ -390,7 +390,7 @@ def test_memory_grows_by_a_fraction_of_what_the_records_take(form: str, monkeypa
     assert peak(Stream(500)) - peak(Stream(100)) < (size(500) - size(100)) / 2
 
 
-def test_rows_that_wait_on_disk_come_out_in_the_order_of_requirements() -> None:
+def test_rows_come_in_the_order_of_requirements() -> None:
     long = "x" * 2000
     wanted = ["B", "A", "", "C"]
     records = [
@@ -459,7 +459,7 @@ def test_causes_and_coverage_do_not_depend_on_what_comes_between_the_records_of_
         {"p0", "p1", "p2"},
         {one.nodeid for one in records if one.failed},
     )
-    assert str(measure(Report(tuple(records)))) == "12/12 cells exercised (100.0 %)"
+    assert str(cell_coverage(counted(Report(tuple(records))))) == "12/12 cells exercised (100.0 %)"
 
 
 def test_stack_with_several_vehicles_counts_one_run() -> None:

@@ -41,7 +41,7 @@ def report(*records: Record, **fields: Any) -> Report:
 
 
 def beside(a: Report, b: Report) -> SideBySide:
-    return side_by_side(("old.json", a), ("new.json", b))
+    return side_by_side([("old.json", a), ("new.json", b)])
 
 
 def told(found: SideBySide, most: int | None = None) -> dict[str, tuple[str, ...]]:
@@ -155,7 +155,7 @@ def test_too_many_differences_become_a_list() -> None:
 def hostile() -> SideBySide:
     a = report(record(1, "PASS", variant=HOSTILE), began=HOSTILE, command=HOSTILE, versions={HOSTILE: "1"}, notes=(HOSTILE,))
     made = structs.replace(record(1, "FAIL", variant=HOSTILE, cause=HOSTILE), driver=HOSTILE)
-    return side_by_side((HOSTILE, a), (HOSTILE, report(made, versions={HOSTILE: "2"})))
+    return side_by_side([(HOSTILE, a), (HOSTILE, report(made, versions={HOSTILE: "2"}))])
 
 
 def test_pages_and_tables_escape_markup(tmp_path: Path) -> None:
@@ -168,7 +168,7 @@ def test_pages_and_tables_escape_markup(tmp_path: Path) -> None:
     assert not re.search(r"<script|<a |javascript:1\"", drawn)
     heads = [len(re.findall("<t[hd]", row)) for row in re.findall("<tr>.*?</tr>", drawn, re.DOTALL)]
     assert heads == [2, 2, 3, 3, 6, 6], "every row has the cells of its table"
-    assert json.loads(content)["a"]["name"] == HOSTILE
+    assert json.loads(content)["sides"][0]["name"] == HOSTILE
 
 
 @pytest.mark.parametrize("width", [60, 80, 100, 120])
@@ -206,8 +206,8 @@ def test_json_is_for_programs(tmp_path: Path) -> None:
             ],
         }
     ]
-    assert found["rules"] == [{"rule": "p1", "a": {"PASS": 2}, "b": {"FAIL": 1, "PASS": 1}}]
-    assert [(cause["where"], cause["a"], cause["b"]) for cause in found["causes"]] == [("only in B", 0, 1)]
+    assert found["rules"] == [{"rule": "p1", "verdicts": [{"PASS": 2}, {"FAIL": 1, "PASS": 1}]}]
+    assert [(cause["where"], cause["counts"]) for cause in found["causes"]] == [("only in B", [0, 1])]
 
 
 def test_unknown_ending_of_a_comparison_is_refused(tmp_path: Path) -> None:

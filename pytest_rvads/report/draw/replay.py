@@ -129,8 +129,7 @@ def replay(
         "draw/replay.html",
         title,
         data,
-        "draw/replay.css",
-        "draw/replay.js",
+        ("draw/replay.css", "draw/replay.js"),
         style=STYLE,
         scene=f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{left:.2f} {top:.2f} {wide:.2f} {high:.2f}">'
         f"{scene.road()}{scene.lights(run.lights[0])}{outlines(beside.ghost)}{trails}{bodies}</svg>",

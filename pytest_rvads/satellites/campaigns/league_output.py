@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack, suppress
-from dataclasses import replace
+from dataclasses import asdict, replace
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,11 +23,11 @@ from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.report.counting import counted
 from pytest_rvads.report.coverage import largest_gap
 from pytest_rvads.report.figures import total
-from pytest_rvads.report.outline import Block, Notes, Section
+from pytest_rvads.report.outline import Notes, Section
 from pytest_rvads.report.page import rendered
 from pytest_rvads.report.session_report import Report, exit_status
 from pytest_rvads.report.side_by_side import side_by_side
-from pytest_rvads.report.side_by_side_forms import content, json_of, sections
+from pytest_rvads.report.side_by_side_forms import json_of, sections
 from pytest_rvads.satellites.campaigns.campaign import Keys, campaign
 from pytest_rvads.satellites.campaigns.league import Config, League, about
 from pytest_rvads.satellites.campaigns.replays import INTERRUPTED, Replays, draw_replays, progressing
@@ -225,34 +225,37 @@ def _digest(league: League, driver: Factory, simulator: Simulator) -> str:
     return sha256(json.dumps(key_parts).encode("utf-8", "surrogatepass")).hexdigest()[:12]
 
 
+def figure_sections(rows: Sequence[Mapping[str, Any]]) -> Iterator[Section]:
+    """Yield a table of figures and a table of faults at critical starts, given the `row` of each driver."""
+    figures, critical = [], []
+    for row in rows:
+        faults = Counter(side.fault for side in row["sides"])
+        met, started = f"{row['met']} of {row['pairs']}", sum(side.started for side in row["sides"])
+        texts = (row["name"], row["runs"], f"{row['hours']:.2f} h", met, f"{row['gap']:g} s", started)
+        figures.append(tuple((str(text), "") for text in (*texts, *(faults[fault] for fault in _FAULTS))))
+        for side in row["sides"]:
+            if side.fault or side.error:
+                text = side.error or f"{side.fault} where it {side.order}"
+                critical.append(((row["name"], ""), (side.rule, ""), (text, ""), (side.rerun or side.line, "code")))
+    yield Section("figures", (), _FIGURES, tuple(figures))
+    if critical:
+        yield Section("critical starts", (), ("driver", "rule", "fault", "first again"), tuple(critical))
+
+
 def _write(league: League, standings: Sequence[Standing], folder: Path) -> None:
     """Write the comparison of the drivers that have results, with figures and critical starts, as a page and as JSON."""
     judged = [standing for standing in standings if standing.report.records]
     names = [standing.name for standing in judged]
     compared = side_by_side([(standing.name, standing.report) for standing in judged], names) if judged else None
     rows = [standing.row() for standing in standings]
+    parts = list(sections(compared, again=lambda cause: league.again(names[cause.side], cause.run))) if compared else []
+    parts += figure_sections(rows)
     drawn = f"{plural(len(league.cells), 'cell')} and {plural(len(league.lines), 'line')} of starts for every driver"
     where = f"at {', '.join(place.name for place in league.places)}, among {' and '.join(league.config.traffic)} traffic"
-    figures, critical = [], []
-    for row, standing in zip(rows, standings, strict=True):
-        faults = Counter(side.fault for side in standing.sides)
-        met, started = f"{row['met']} of {row['pairs']}", sum(side.started for side in standing.sides)
-        texts = (row["name"], row["runs"], f"{row['hours']:.2f} h", met, f"{row['gap']:g} s", started)
-        figures.append(tuple((str(text), "") for text in (*texts, *(faults[fault] for fault in _FAULTS))))
-        for side in standing.sides:
-            if side.fault or side.error:
-                text = side.error or f"{side.fault} where it {side.order}"
-                critical.append(((standing.name, ""), (side.rule, ""), (text, ""), (side.rerun or side.line, "code")))
     notes = tuple(f"{standing.name}: {note}" for standing in standings for note in standing.report.notes)
-    blocks: list[Block] = [Notes(notes), Section("cells", (f"{drawn}, {where}",)), Section("how to read the tables", _READING)]
-    if compared:
-        blocks += sections(compared, again=lambda cause: league.again(names[cause.side], cause.run))
-    blocks.append(Section("figures", (), _FIGURES, tuple(figures)))
-    if critical:
-        blocks.append(Section("critical starts", (), ("driver", "rule", "fault", "first again"), tuple(critical)))
-    title = f"rvads league: {league.path.stem}"
-    write_file(folder / "league.html", rendered(title, blocks, {}).encode())
-    facts = {
+    blocks = [Notes(notes), Section("cells", (f"{drawn}, {where}",)), Section("how to read the tables", _READING), *parts]
+    write_file(folder / "league.html", rendered(f"rvads league: {league.path.stem}", blocks, {}, folder).encode())
+    content = {
         "format": "rvads-league",
         "version": 1,
         "config": msgspec.to_builtins(league.config),
@@ -261,5 +264,7 @@ def _write(league: League, standings: Sequence[Standing], folder: Path) -> None:
         "junctions": [place.name for place in league.places],
         "versions": versions(),
         "drivers": rows,
+        "causes": [asdict(cause) for cause in compared.causes] if compared else [],
+        "sections": [asdict(part) for part in parts],
     }
-    write_file(folder / "league.json", json_of((content(compared) if compared else {}) | facts).encode())
+    write_file(folder / "league.json", json_of(content).encode())

@@ -13,13 +13,22 @@ from typing import Any
 from urllib.parse import unquote
 
 import pytest
+from msgspec import structs
 
 from pytest_rvads.cli import main
+from pytest_rvads.logic.judging.verdicts import Status, Verdict
+from pytest_rvads.logic.outcome import Outcome
+from pytest_rvads.report.outline import Notes
+from pytest_rvads.report.page import rendered
+from pytest_rvads.report.record import conclude, planned_record
+from pytest_rvads.report.session_report import Report
+from pytest_rvads.report.side_by_side import side_by_side
+from pytest_rvads.report.side_by_side_forms import sections
 from pytest_rvads.runs.run import Run
 from pytest_rvads.satellites.campaigns import answering, league_output
 from pytest_rvads.satellites.campaigns.campaign import campaign
 from pytest_rvads.satellites.campaigns.league import Config, League
-from pytest_rvads.satellites.campaigns.league_output import league_page
+from pytest_rvads.satellites.campaigns.league_output import Side, figure_sections
 from pytest_rvads.satellites.campaigns.resultsfile import Results
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.search.critical import CriticalStart, Order
@@ -136,14 +145,16 @@ def test_two_drivers_are_judged_on_the_same_cells(
     assert sorted(traffic or "" for _, traffic in runs[0]) == ["hesitant", "reference", "reference"]
     assert reference["verdicts"]["full_stop"] == {"PASS": 3}
     assert rolling["verdicts"]["full_stop"] == {"FAIL": 3}
-    assert not reference["causes"]
-    assert {rule for cause in rolling["causes"] for rule in cause["rules"]} == {"full_stop"}
+    (cause,) = league["causes"]
+    assert (cause["rule"], cause["counts"], cause["where"]) == ("full_stop", [0, 3], "only in rolling stop")
     page = Page(folder / "out" / "league.html")
-    assert page.cells[page.cells.index("rolling stop") + 1] == "FAIL (3)"
-    assert page.links == [cause["look"] for cause in rolling["causes"]]
+    row = [cell.strip() for cell in page.cells]
+    assert row[row.index("full_stop") :][:3] == ["full_stop", "3 pass", "3 fail"]
+    assert [f"out/{link}" for link in page.links] == [cause["look"]]
     assert all((folder / "out" / unquote(link.partition("#")[0])).is_file() for link in page.links)
     capsys.readouterr()
-    assert main(shlex.split(rolling["causes"][0]["rerun"])[1:]) == 1
+    (command,) = (cell for cell in row if cell.startswith("rvads critical"))
+    assert main(shlex.split(command)[1:]) == 1
     assert "full_stop" in capsys.readouterr().out
 
     page_before = (folder / "out" / "league.html").read_bytes()
@@ -157,7 +168,7 @@ def test_driver_that_raises_costs_only_its_own_cells() -> None:
     reference, raising = league["drivers"]
     assert status == 1
     assert all(counts == {"ERROR": 3} for counts in raising["verdicts"].values())
-    assert "no idea" in raising["causes"][0]["text"]
+    assert "no idea" in league["causes"][0]["text"]
     assert reference["verdicts"]["full_stop"] == {"PASS": 3}
 
 
@@ -249,7 +260,7 @@ def test_driver_that_ends_its_process_fails_its_own_cells() -> None:
     assert status == 1
     ends, reference = league["drivers"]
     assert {outcome for counts in ends["verdicts"].values() for outcome in counts} == {"ERROR"}
-    assert "the process that simulated it died" in ends["causes"][0]["text"]
+    assert "the process that simulated it died" in league["causes"][0]["text"]
     assert reference["verdicts"]["full_stop"] == {"PASS": 3}
 
 
@@ -350,12 +361,15 @@ def test_name_of_a_driver_is_text_on_the_page_and_stays_in_the_folder(folder: Pa
 
 def test_hostile_texts_of_results_are_texts_on_the_page() -> None:
     def page(text: str) -> str:
-        cause = {"title": text, "text": text, "count": 1, "rules": [text], "rerun": text, "look": f"{text}.html#t=1.00"}
-        side = {"fault": Fault.BOLD, "error": text, "rule": text, "order": text, "started": 1, "rerun": text, "line": text}
-        numbers = {"runs": 1, "hours": 0.5, "met": 1, "pairs": 2, "gap": 0.5}
-        driver = {"name": text, "verdicts": {text: {"FAIL": 1}}, "causes": [cause], "sides": [side], "notes": [text], **numbers}
-        names = {"junctions": [text], "rules": [text], "config": {"traffic": [text]}, "cells": 1, "lines": 1}
-        return league_page({**names, "drivers": [driver]}, text)
+        made = planned_record("run-p1", 0, text, {"junction": text, "driver": text, "run": text, "rule": "p1"}, 4)
+        made = structs.replace(made, hash="aa", look=f"{text}.html#t=1.00")
+        report = Report((conclude(made, [Verdict("", Status.FAIL, text, violated=text)], "call", "failed", text=text),))
+        side = Side(
+            line=text, order=Order.GOES, started=True, status=Outcome.FAIL, fault=Fault.BOLD, rule=text, rerun=text, error=text
+        )
+        row = {"name": text, "runs": 1, "hours": 0.5, "met": 1, "pairs": 2, "gap": 0.5, "sides": [side]}
+        parts = sections(side_by_side([(text, report)] * 3, [text] * 3), again=lambda _: text)
+        return rendered(text, [Notes((text,)), *parts, *figure_sections([row])], {}, Path())
 
     hostile = "javascript:1</td></script><script>alert(1)</script><img src=x onerror=alert(2)>\"' \x1b[2J"
     shown, tame = page(hostile), page("tame")
@@ -364,26 +378,13 @@ def test_hostile_texts_of_results_are_texts_on_the_page() -> None:
     assert not [href for href in re.findall('href="([^"]*)"', shown) if href.startswith("javascript:")]
 
 
-def test_page_says_how_to_read_its_cells_and_leaves_out_rules_that_never_applied() -> None:
-    numbers = {"runs": 4, "hours": 0.5, "met": 1, "pairs": 2, "gap": 0.5}
-    verdicts = {"p1": {"FAIL": 1, "PASS": 3}, "p2": {"NA": 4}}
-    driver = {"name": "mine", "verdicts": verdicts, "causes": [], "sides": [], "notes": [], **numbers}
-    names = {"junctions": ["stop4"], "rules": ["p1", "p2", "p3"], "config": {"traffic": ["reference"]}, "cells": 4, "lines": 0}
-    page = league_page({**names, "drivers": [driver]}, "league")
-    assert "<tr><th>driver<th>p1</thead>" in page
-    assert "The table leaves out rules that applied to no run: p2, p3." in page
-    assert "2/4 fail if 2 of 4 failed" in page
+def test_page_says_how_to_read_its_tables_and_narrow_screens_repeat_the_headings(folder: Path) -> None:
+    judged(TWO)
+    page = (folder / "out" / "league.html").read_text(encoding="utf-8")
+    assert "<th>rule<th>reference<th>rolling stop</thead>" in re.sub(r"\s*\n\s*", "", page)
     assert "The untested gap is " in page
-
-
-def test_rows_with_commands_have_the_heading_of_each_cell_for_narrow_screens() -> None:
-    numbers = {"runs": 1, "hours": 0.5, "met": 1, "pairs": 2, "gap": 0.5}
-    cause = {"title": "x", "text": "y", "count": 1, "rules": ["p1"], "rerun": "rvads critical " + "z" * 60, "look": ""}
-    driver = {"name": "mine", "verdicts": {"p1": {"FAIL": 1}}, "causes": [cause], "sides": [], "notes": [], **numbers}
-    names = {"junctions": ["stop4"], "rules": ["p1"], "config": {"traffic": ["reference"]}, "cells": 1, "lines": 0}
-    page = league_page({**names, "drivers": [driver]}, "league")
-    assert re.findall('data-column="([^"]*)"', page) == ["verdicts", "rules", "cause", "replay", "first again"]
-    assert page.count('<table class="matrix texts">') == 1, "short cells stay a table"
+    headings = ["where", "reference", "rolling stop", "rule", "cause", "replay", "first"]
+    assert re.findall('data-column="([^"]*)"', page)[: len(headings)] == headings
 
 
 DRIVER = '[drivers.a]\nautopilot = "reference"\n'

@@ -1,7 +1,9 @@
 """``rvads town``: what it prints, leaves behind and returns, and that what it prints can be pasted."""
 
+import html
 import json
 import os
+import re
 import shlex
 import shutil
 import subprocess
@@ -17,7 +19,7 @@ from pytest_rvads.geometry.builtin import path_of
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.files import load
 from pytest_rvads.report.session_report import Report
-from pytest_rvads.satellites.campaigns import answering, town_output
+from pytest_rvads.satellites.campaigns import answering, replays
 from tools.crossings import Layout, opendrive
 
 SHORT = ("-j", "1", "--grid", "B", "--subject", "none")
@@ -76,11 +78,18 @@ def ran(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str, str]
     return status, out, err
 
 
-def shown(folder: Path) -> dict[str, Any]:
-    """Return what a page shows of its junctions, by name."""
+def shown(folder: Path) -> dict[str, tuple[str, str]]:
+    """Return the mark and the text of every junction on the map of a page, by name."""
     text = (folder / "town.html").read_text(encoding="utf-8")
-    data = json.loads(text.partition('id="data">')[2].partition("</script>")[0])
-    return {one["name"]: one for one in data["junctions"]}
+    marks = re.findall(r'<a [^>]*class="mark (\w+)"[^>]*data-name="([^"]*)" aria-label="([^"]*)"', text)
+    return {name: (mark, html.unescape(label)) for mark, name, label in marks}
+
+
+def items(folder: Path) -> list[dict[str, Any]]:
+    """Return the items that a page shows."""
+    text = (folder / "town.html").read_text(encoding="utf-8")
+    found: list[dict[str, Any]] = json.loads(text.partition('id="data">')[2].partition("</script>")[0])["items"]
+    return found
 
 
 def judged(report: Report) -> dict[str, str]:
@@ -114,7 +123,7 @@ def test_a_town_is_judged_once_and_not_again(
     cases = ElementTree.parse(folder / "all/out.xml").iter("testcase")
     assert [case.get("name") for case in cases] == [record.nodeid for record in first.records]
     assert "rvads verdicts" in (folder / "all/out.html").read_text(encoding="utf-8")
-    assert {one["state"] for one in shown(folder / "rvads-town").values()} <= {"good", "doubt"}
+    assert {mark for mark, _ in shown(folder / "rvads-town").values()} <= {"good", "doubt"}
     (drawn,) = first.drawn
     assert (drawn.what, drawn.taken, drawn.seed) == ("runs", 2, 0)
 
@@ -144,13 +153,12 @@ def test_the_printed_line_runs_exactly_that_case_again(capsys: pytest.CaptureFix
     assert again == {name: status for name, status in whole.items() if name.rpartition("-")[0] == run}
     assert again[id] == "FAIL"
     assert judged(load(folder / "rvads-town/town.json")) == whole, "the town as a whole stays as it was"
-    (one,) = shown(folder / "rvads-town").values()
+    assert {mark for mark, _ in shown(folder / "rvads-town").values()} == {"bad"}
     assert {record.look.partition("/")[0] for record in load(folder / "rvads-town/town.json").records} <= {"", "rvads-town"}
-    looks = [cause["look"] for _, causes in one["causes"] for cause in causes]
+    looks = [item["look"] for item in items(folder / "rvads-town") if item["look"]]
     assert looks
     for look in looks:
         assert (folder / "rvads-town" / look.partition("#")[0]).read_text(encoding="utf-8").startswith("<!doctype html>")
-    assert all(f'"{one["name"]}-' in cause["again"] for _, causes in one["causes"] for cause in causes)
 
 
 @pytest.mark.extended
@@ -164,9 +172,9 @@ def test_what_was_judged_before_an_interrupt_is_kept_and_gone_on_from(
     assert status == 2
     assert "interrupted" in err
     assert "INCOMPLETE: interrupted, 2 runs have no result" in out
-    (site,) = shown(folder / "rvads-town").values()
-    assert site["state"] == "doubt"
-    assert "2 of 3 runs are missing" in site["notes"]
+    ((mark, label),) = shown(folder / "rvads-town").values()
+    assert mark == "doubt"
+    assert label.endswith("; results are missing")
     assert "INCOMPLETE" in (folder / "rvads-town/town.html").read_text(encoding="utf-8")
     (folder / "patient").touch()
     status, out, _ = ran(capsys, *words)
@@ -208,7 +216,7 @@ def test_a_driver_that_drives_otherwise_every_time_is_flaky(
 def test_of_many_causes_the_first_of_every_junction_are_drawn(
     capsys: pytest.CaptureFixture[str], folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(town_output, "MOST", 1)
+    monkeypatch.setattr(replays, "MOST", 1)
     _, out, _ = ran(capsys, "stop3.xodr", "stop4.xodr", "--autopilot", "lgsvl", *SHORT, "--sample", "4")
     assert "causes have no replay: the first 1 were drawn" in out
     assert len([*(folder / "rvads-town/replays").iterdir()]) == 1
@@ -232,12 +240,11 @@ def test_a_junction_that_is_refused_is_shown_with_its_reason(capsys: pytest.Capt
     status, _, err = ran(capsys, *words)
     assert status == 0
     assert "1 junction refused, the first: stop3" in err
-    (refused,) = (one for name, one in shown(folder / "rvads-town").items() if name.startswith("stop3"))
-    assert refused["state"] == "none"
-    assert refused["told"] == "refused"
+    ((mark, label),) = (one for name, one in shown(folder / "rvads-town").items() if name.startswith("stop3"))
+    assert mark == "none"
+    assert label.endswith(": refused: subject must be an entrance, 0 to 2, or 'all', got 3")
     (reason,) = load(folder / "rvads-town/town.json").refused
     assert reason.startswith("subject must be an entrance")
-    assert "refused: subject must be an entrance, 0 to 2, or 'all', got 3" in refused["notes"]
 
 
 @pytest.mark.extended

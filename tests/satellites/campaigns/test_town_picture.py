@@ -2,6 +2,7 @@
 
 import math
 import re
+from collections import Counter
 from itertools import pairwise
 
 import numpy as np
@@ -11,7 +12,8 @@ from hypothesis import strategies as st
 
 from pytest_rvads.geometry.builtin import path_of
 from pytest_rvads.geometry.finder import load
-from pytest_rvads.satellites.campaigns.town_page import simplified, spot, town_picture
+from pytest_rvads.logic.outcome import Outcome, Tallied
+from pytest_rvads.satellites.campaigns.town_map import Site, simplified, spot, town_picture
 
 coordinates = st.floats(-1000, 1000, allow_nan=False)
 lines = st.lists(st.tuples(coordinates, coordinates), min_size=2, max_size=30).map(np.array)
@@ -54,14 +56,14 @@ def ends(d: str) -> list[tuple[float, float]]:
 @pytest.mark.parametrize("name", ["stop4", "lanes4", "roundabout4"])
 def test_every_lane_is_drawn_where_it_lies(name: str) -> None:
     road_map = load(path_of(name))
-    picture = town_picture(road_map)
-    drawn = [end for _, d in picture.lanes for end in ends(d)]
+    picture = town_picture("town", road_map, []).svg
+    drawn = [end for d in re.findall(' d="([^"]*)"', picture) for end in ends(d)]
     lanes = [edge.points for edge in road_map.graph.edges.values()]
     assert len(drawn) == 2 * len(lanes)
     for points in lanes:
         for x, y in (points[0], points[-1]):
             assert min(math.dist((x, -y), end) for end in drawn) < 0.15, "north is up, within a decimetre"
-    west, north, wide, tall = picture.view
+    west, north, wide, tall = map(float, re.findall('viewBox="([^"]*)"', picture)[0].split())
     for x, y in drawn:
         assert west <= x <= west + wide
         assert north <= y <= north + tall
@@ -70,9 +72,9 @@ def test_every_lane_is_drawn_where_it_lies(name: str) -> None:
 def test_a_junction_is_where_its_arms_meet() -> None:
     (report,) = load(path_of("stop4")).junctions
     found = spot(report)
-    assert found is not None
+    x, y, radius = found
     for arm in report.arms:
-        assert math.dist((arm.x, -arm.y), (found.x, found.y)) == pytest.approx(found.radius, abs=0.2)
+        assert math.dist((arm.x, -arm.y), (x, y)) == pytest.approx(radius, abs=0.2)
 
 
 def test_a_bend_takes_few_points() -> None:
@@ -80,3 +82,23 @@ def test_a_bend_takes_few_points() -> None:
     angles = np.linspace(0.0, 0.3, 600)
     arc = np.column_stack([100 * np.sin(angles), 100 * (1 - np.cos(angles))])
     assert len(simplified(arc, 0.2)) < 6
+
+
+@pytest.mark.parametrize(
+    ("outcomes", "mark"),
+    [
+        ("PASS NA", "good"),
+        ("PASS FAIL ERROR", "bad"),
+        ("PASS ERROR OPEN", "error"),
+        ("PASS OPEN", "doubt"),
+        ("PASS PROVOKED", "doubt"),
+        ("NA", "none"),
+        ("", "none"),
+    ],
+)
+def test_a_junction_is_marked_by_the_worst_that_happened(outcomes: str, mark: str) -> None:
+    (report,) = load(path_of("stop4")).junctions
+    verdicts: Counter[Tallied] = Counter(map(Outcome, outcomes.split()))
+    assert Site("stop4", report, verdicts, incomplete=False, note="").mark == mark
+    missing = Site("stop4", report, verdicts, incomplete=True, note="").mark
+    assert missing == ("doubt" if mark == "good" else mark), "where results are missing, nothing is good"

@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from pytest_rvads.satellites.campaigns.town_output import progressing
+from pytest_rvads.satellites.campaigns.replays import progressing
 
 
 def test_without_a_terminal_there_is_a_line_per_tenth(capsys: pytest.CaptureFixture[str]) -> None:
