@@ -373,7 +373,8 @@ def test_hostile_texts_of_results_are_texts_on_the_page() -> None:
 
     hostile = "javascript:1</td></script><script>alert(1)</script><img src=x onerror=alert(2)>\"' \x1b[2J"
     shown, tame = page(hostile), page("tame")
-    assert re.findall("<[a-zA-Z/][^ >]*", shown) == re.findall("<[a-zA-Z/][^ >]*", tame)
+    tags = [[tag for tag in re.findall("<[a-zA-Z/][^ >]*", text) if tag not in ("<a", "</a")] for text in (shown, tame)]
+    assert tags[0] == tags[1], "a path that could run a script is no link"
     assert "\x1b" not in shown
     assert not [href for href in re.findall('href="([^"]*)"', shown) if href.startswith("javascript:")]
 
