@@ -60,9 +60,9 @@ def judge(question: Question, job: Job) -> bytes:
     own_versions = _versions(tuple(question.versions))
     if (code(), own_versions) != (question.code, question.versions):
         raise RvadsError(
-            f"a worker has other code ({code()[:8]}, {_versions_text(own_versions)}) than the process that asks it "
-            f"({question.code[:8]}, {_versions_text(question.versions)}): install the same version of pytest-rvads and of its "
-            "dependencies on all machines"
+            f"a worker has other code ({_told(code(), own_versions)}) than the process that asks it "
+            f"({_told(question.code, question.versions)}): install the same version of pytest-rvads and of its dependencies on "
+            "all machines"
         )
     try:
         with choosing(Choice(question.simulator, question.limits)):
@@ -133,5 +133,5 @@ def _case_rules(question: Question, job: Job) -> tuple[Rule, ...]:
     return rules_for(question.rules, job.case.scenario.place)
 
 
-def _versions_text(versions: dict[str, str]) -> str:
-    return ", ".join(f"{name} {version}" for name, version in versions.items())
+def _told(code: str, versions: dict[str, str]) -> str:
+    return ", ".join([code[:8], *(f"{name} {version}" for name, version in versions.items())])

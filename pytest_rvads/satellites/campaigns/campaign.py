@@ -91,7 +91,7 @@ def campaign(
         total = len(cases) if isinstance(cases, Sized) else 0
     stored = Results(results, _campaign_head(question, keys, first))
     try:
-        _Campaign(question, keys, stored, progress, total).run(remaining, executor)
+        _judge_all(remaining, question, keys, stored, executor, progress, total)
     except ExecutorGone as error:
         advice = "no result is kept: a campaign with a file as results= continues after its last result"
         if stored.path is not None:
@@ -107,66 +107,69 @@ def campaign(
     return stored
 
 
-class _Campaign:
-    """A running campaign, which sends cases to an executor and stores the results in a file."""
+def _judge_all(
+    cases: Iterator[Case],
+    question: Question,
+    keys: Keys,
+    stored: Results,
+    executor: Executor | int | None,
+    progress: Progress | None,
+    total: int,
+) -> None:
+    """Judge the cases that have no result yet, and store the results."""
+    unfit: Counter[str] = Counter()
+    in_flight: dict[int, Job] = {}
+    """Jobs that have no answer yet, by the number of the job in the order of sending."""
+    asked = finished = 0
 
-    def __init__(self, question: Question, keys: Keys, results: Results, progress: Progress | None, total: int) -> None:
-        self._question, self._keys, self._results = question, keys, results
-        self._progress, self._total = progress, total
-        self._cases = self._finished = self._sent = 0
-        self._unfit: Counter[str] = Counter()
-        self._in_flight: dict[int, Job] = {}
-        """Jobs that were sent to the executor and have no answer yet, by the number of the job in the order of sending."""
+    def report_progress() -> None:
+        nonlocal finished
+        finished += 1
+        if progress is not None:
+            progress(finished, max(total, asked))
 
-    def run(self, cases: Iterator[Case], executor: Executor | int | None) -> None:
-        """Judge the cases that have no result yet."""
-        with closing(gathered(partial(judge, self._question), self._jobs(cases), executor)) as answers:
-            for number, answer in answers:
-                job = self._in_flight.pop(number)
-                if isinstance(answer, Failed):
-                    if not answer.lost:
-                        raise answer.error
-                    answer = encode(undecided(self._question, job, f"the process that simulated it {DIED}"))
-                self._results.add(answer)
-                self._report_progress()
-        end_facts = {"cases": self._cases, "results": len(self._results), "unfit": dict(sorted(self._unfit.items()))}
-        self._results.tell(msgspec.structs.replace(self._results.head, **end_facts))
-
-    def _jobs(self, cases: Iterator[Case]) -> Iterator[Job]:
+    def jobs() -> Iterator[Job]:
         """Yield a job for each case without a result, and leave out each case in which a vehicle has no room at its start."""
+        nonlocal asked
+        sent = 0
         for number, case in enumerate(cases):
             require(case, Case, "a campaign takes cases: rvads.Case(scenario, driver)", ScenarioError)
-            self._cases += 1
+            asked += 1
             try:
                 case.starts()
             except ScenarioError:
-                self._unfit[case.scenario.place.name] += 1
-                self._report_progress()
+                unfit[case.scenario.place.name] += 1
+                report_progress()
                 continue
-            key = self._keys.of(case)
-            if self._results.holds(key):
-                self._report_progress()
+            key = keys.of(case)
+            if stored.holds(key):
+                report_progress()
                 continue
-            head = self._results.head
-            driver, traffic = self._keys.identified(case.driver), case.traffic and self._keys.identified(case.traffic)
+            driver, traffic = keys.identified(case.driver), case.traffic and keys.identified(case.traffic)
             # The class of the driver with other parameters may drive the traffic, so the two identities need different names.
             identities = {driver.name: driver.identity} | ({f"{traffic.policy} traffic": traffic.identity} if traffic else {})
-            changed = next((name for name, own in identities.items() if head.drivers.get(name, own) != own), None)
+            changed = next((name for name, own in identities.items() if stored.head.drivers.get(name, own) != own), None)
             if changed is not None:
                 raise RvadsError(
-                    f"two different drivers of a campaign have the name {changed}: "
-                    "give each driver a name or a campaign of its own"
+                    f"two different drivers of a campaign have the name {changed}: give each driver a name or a campaign of its "
+                    "own"
                 )
-            self._results.tell(msgspec.structs.replace(head, drivers=head.drivers | identities, cases=None))
-            job = Job(number, key, case, driver.name, traffic.policy if traffic else None)
-            self._in_flight[self._sent] = job
-            self._sent += 1
-            yield job
+            stored.tell(msgspec.structs.replace(stored.head, drivers=stored.head.drivers | identities, cases=None))
+            in_flight[sent] = Job(number, key, case, driver.name, traffic.policy if traffic else None)
+            sent += 1
+            yield in_flight[sent - 1]
 
-    def _report_progress(self) -> None:
-        self._finished += 1
-        if self._progress is not None:
-            self._progress(self._finished, max(self._total, self._cases))
+    with closing(gathered(partial(judge, question), jobs(), executor)) as answers:
+        for number, answer in answers:
+            job = in_flight.pop(number)
+            if isinstance(answer, Failed):
+                if not answer.lost:
+                    raise answer.error
+                answer = encode(undecided(question, job, f"the process that simulated it {DIED}"))
+            stored.add(answer)
+            report_progress()
+    end_facts = {"cases": asked, "results": len(stored), "unfit": dict(sorted(unfit.items()))}
+    stored.tell(msgspec.structs.replace(stored.head, **end_facts))
 
 
 def _portable_rules(rules: str | Rule | Iterable[str | Rule]) -> tuple[str | Rule, ...]:
@@ -189,7 +192,7 @@ def _campaign_head(question: Question, keys: Keys, first: Case | None) -> Head:
     """Return the first line of the file of results: what is equal for every case, and the driver of the first case."""
     origins: dict[str, Any] = {
         "package": question.code,
-        "rules": ", ".join(rule if isinstance(rule, str) else f"{rule.name} {identity(rule)}" for rule in question.rules),
+        "rules": _named(question.rules),
         "simulator": f"{question.simulator.name} {identity(question.simulator)}",
     }
     drivers = {}
@@ -198,6 +201,18 @@ def _campaign_head(question: Question, keys: Keys, first: Case | None) -> Head:
         origins |= {"driver": driver.name, "bodies": bodies(first.fleet)}
         drivers[driver.name] = driver.identity
     return Head(made=origins, drivers=drivers, versions=question.versions)
+
+
+def _named(rules: Iterable[str | Rule]) -> str:
+    """Return rules and rulebooks by name, with the identity of rules that are no shipped rules."""
+    return ", ".join(rule if isinstance(rule, str) else f"{rule.name} {identity(rule)}" for rule in rules)
+
+
+def digest(cases: Iterable[Case], rules: Iterable[str | Rule], simulator: Simulator, *more: str) -> str:
+    """Return a digest of everything on which the results of a campaign depend, for the name of their file."""
+    keys = Keys(simulator)
+    parts = [code(), _named(rules), *map(keys.of, cases), *more]
+    return sha256("\n".join(parts).encode("utf-8", "surrogatepass")).hexdigest()[:12]
 
 
 class IdentifiedDriver(NamedTuple):

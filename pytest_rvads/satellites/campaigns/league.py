@@ -108,15 +108,7 @@ def about(place: str) -> Iterator[None]:
 
 @dataclass(eq=False)
 class League:
-    """The drawn cells and lines of starts of a league, on which every driver is judged.
-
-    Args:
-        config: the configuration.
-        path: file of the configuration, for messages.
-
-    Raises:
-        RvadsError: a junction, map, policy, seat or rule of the configuration does not exist, or no cell is possible.
-    """
+    """The drawn cells and lines of starts of a league, on which every driver is judged."""
 
     config: Config
     path: Path

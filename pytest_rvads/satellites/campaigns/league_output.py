@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack, suppress
 from dataclasses import asdict, replace
-from hashlib import sha256
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
 
-from pytest_rvads.cli.common import make_folder, say, warn
+from pytest_rvads.cli.common import make_folder, progress, say, warn
 from pytest_rvads.cli.shared_options import opened_driver
-from pytest_rvads.drivers.identity import identity
 from pytest_rvads.drivers.interface import Factory
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.logic.rules.book import rules_for
@@ -28,16 +26,16 @@ from pytest_rvads.report.page import rendered
 from pytest_rvads.report.session_report import Report, exit_status
 from pytest_rvads.report.side_by_side import side_by_side
 from pytest_rvads.report.side_by_side_forms import json_of, sections
-from pytest_rvads.satellites.campaigns.campaign import Keys, campaign
+from pytest_rvads.satellites.campaigns.campaign import campaign, digest
 from pytest_rvads.satellites.campaigns.league import Config, League, about
-from pytest_rvads.satellites.campaigns.replays import INTERRUPTED, Replays, draw_replays, progressing
+from pytest_rvads.satellites.campaigns.replays import INTERRUPTED, Replays, draw_replays
 from pytest_rvads.satellites.campaigns.resultsfile import Results
 from pytest_rvads.search.critical import Order, critical_starts
 from pytest_rvads.search.trials import Fault, Setting
 from pytest_rvads.simulators.simulator import Simulator, meant, named
 from pytest_rvads.support.decoding import decode, encode
 from pytest_rvads.support.errors import RvadsError
-from pytest_rvads.support.installed import code, versions
+from pytest_rvads.support.installed import versions
 from pytest_rvads.support.storage import read_file, slug, write_file
 from pytest_rvads.support.wording import plural
 
@@ -132,15 +130,19 @@ def _judged(
     results: Results | None = None
     with opened_driver(league.config.drivers[name].words()) as driver:
         cases = league.cases(driver)
-        key = f"{slug(name)}-{_digest(league, driver, simulator)}"
+        key = f"{slug(name)}-{digest(cases.values(), league.rules, simulator, *(line.id for line in league.lines))}"
         file = folder / f"results-{key}.jsonl"
         try:
             if executor is None:
                 raise KeyboardInterrupt
-            with progressing(f"runs of {name}") as progress:
-                results = campaign(
-                    list(cases.values()), league.rules, executor=executor, results=file, simulator=simulator, progress=progress
-                )
+            results = campaign(
+                list(cases.values()),
+                league.rules,
+                executor=executor,
+                results=file,
+                simulator=simulator,
+                progress=partial(progress, what=f"runs of {name}"),
+            )
         except (KeyboardInterrupt, RvadsError) as error:
             notes.append(_cut(error))
             executor = None
@@ -158,17 +160,16 @@ def _judged(
             raise RvadsError(f"{file} is damaged: {stranger!r:.60} is no run of this league: remove the file")
         replays = Replays()
         if executor is not None and INTERRUPTED not in notes:
-            with progressing(f"replays of {name}") as progress:
-                replays = draw_replays(
-                    results.records(),
-                    lambda names: {run: cases[run] for run in names},
-                    league.rules,
-                    lambda run: league.again(name, run),
-                    folder / key,
-                    executor,
-                    simulator,
-                    progress,
-                )
+            replays = draw_replays(
+                results.records(),
+                lambda names: {run: cases[run] for run in names},
+                league.rules,
+                lambda run: league.again(name, run),
+                folder / key,
+                executor,
+                simulator,
+                f"replays of {name}",
+            )
     outcomes = results.outcomes | ({Outcome.FLAKY} if replays.flaky else set())
     complete = len(results) == len(cases) and INTERRUPTED not in (*notes, *replays.notes)
     report = replace(
@@ -197,32 +198,22 @@ def _sides(
     groups = [[line] for line in league.lines[len(sides) // 2 :]] if executor is not None else []
     traffic = league.config.traffic[0]
     setting = Setting.of(driver, rules_for(league.rules), traffic, simulator=simulator)
-    with progressing(f"lines of starts of {name}") as progress:
-        for found in critical_starts(groups, setting, executor, progress):
-            id = setting.id(found.line.scenario(found.failed.lead)) if found.failed else ""
-            side = Side(
-                line=found.line.id,
-                order=found.order,
-                started=found.start is not None,
-                status=found.status,
-                fault=found.fault,
-                rule=found.rule,
-                rerun=league.rerun(name, found.line.place, id, traffic) if id else "",
-                error=found.error,
-            )
-            sides.append(side)
-            if len(sides) % 2 == 0:
-                write_file(path, encode(sides))
-            yield side
-
-
-def _digest(league: League, driver: Factory, simulator: Simulator) -> str:
-    """Return a digest of everything on which the results of a driver depend, for the names of its files."""
-    keys = Keys(simulator)
-    rules = [rule if isinstance(rule, str) else f"{rule.name} {identity(rule)}" for rule in league.rules]
-    cases = [keys.of(case) for case in league.cases(driver).values()]
-    key_parts = [code(), rules, cases, [line.id for line in league.lines]]
-    return sha256(json.dumps(key_parts).encode("utf-8", "surrogatepass")).hexdigest()[:12]
+    for found in critical_starts(groups, setting, executor, partial(progress, what=f"lines of starts of {name}")):
+        id = setting.id(found.line.scenario(found.failed.lead)) if found.failed else ""
+        side = Side(
+            line=found.line.id,
+            order=found.order,
+            started=found.start is not None,
+            status=found.status,
+            fault=found.fault,
+            rule=found.rule,
+            rerun=league.rerun(name, found.line.place, id, traffic) if id else "",
+            error=found.error,
+        )
+        sides.append(side)
+        if len(sides) % 2 == 0:
+            write_file(path, encode(sides))
+        yield side
 
 
 def figure_sections(rows: Sequence[Mapping[str, Any]]) -> Iterator[Section]:

@@ -1,24 +1,15 @@
-"""Draws the replays of a campaign's failures, and shows the progress of a campaign on standard error.
-
-The progress is a bar with the remaining time, or a line per tenth of the jobs if there is no terminal. This module imports rich.
-"""
+"""Draws the replays of a campaign's failures."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import contextmanager
 from functools import partial
 from itertools import zip_longest
 from pathlib import Path
 from typing import NamedTuple
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.progress import Progress as ProgressBar
-
-from pytest_rvads.cli.common import warn
+from pytest_rvads.cli.common import progress
 from pytest_rvads.logic.check import check, sentence
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.logic.rules.rule import Rule
@@ -29,7 +20,7 @@ from pytest_rvads.runs.measured import Divergence
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators.simulator import Simulator, simulate
 from pytest_rvads.support.errors import RvadsError
-from pytest_rvads.support.executors import Progress, gathered
+from pytest_rvads.support.executors import gathered
 from pytest_rvads.support.executors.teams import Failed
 from pytest_rvads.support.storage import slug, write_file
 
@@ -71,7 +62,7 @@ def draw_replays(
     folder: Path,
     executor: Executor | int | None,
     simulator: Simulator,
-    progress: Progress,
+    what: str,
 ) -> Replays:
     """Simulate the example run of every cause of failures again, and write replay pages of its violations."""
     chosen = examples(records)
@@ -91,7 +82,7 @@ def draw_replays(
     try:
         for finished, (number, answer) in enumerate(gathered(partial(_draw, simulator), jobs, executor, batch=1), start=1):
             name = names[number]
-            progress(finished, len(jobs))
+            progress(finished, len(jobs), what)
             if isinstance(answer, Failed):
                 troubles.append(f"{name}: {sentence(answer.error)}")
                 continue
@@ -126,37 +117,3 @@ def _draw(simulator: Simulator, job: tuple[Case, Sequence[Rule], str]) -> tuple[
             continue
         pages.append((rule.name, page.time, page.html))
     return run.hash, pages
-
-
-@contextmanager
-def progressing(what: str) -> Iterator[Progress]:
-    """Yield a function that shows progress on standard error, called with the number of finished jobs and of all jobs."""
-    if not sys.stderr.isatty():
-        yield _Lines(what)
-        return
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-    )
-    with ProgressBar(*columns, console=Console(stderr=True)) as bars:
-        task = bars.add_task(what, total=None)
-
-        def show(done: int, total: int) -> None:
-            bars.update(task, completed=done, total=total)
-
-        yield show
-
-
-class _Lines:
-    def __init__(self, what: str) -> None:
-        self._what, self._last_tenth = what, -1
-
-    def __call__(self, done: int, total: int) -> None:
-        tenth = 10 * done // max(total, 1)
-        if tenth > self._last_tenth and done:
-            self._last_tenth = tenth
-            warn(f"{done}/{total} {self._what}")

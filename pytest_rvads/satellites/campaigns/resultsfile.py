@@ -10,7 +10,6 @@ from __future__ import annotations
 import os
 import time
 import weakref
-from array import array
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from io import BufferedReader, FileIO
 from itertools import chain
@@ -19,7 +18,6 @@ from tempfile import TemporaryFile
 from typing import Annotated, cast
 
 import msgspec
-import numpy as np
 
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.record import Count, Record, SimulatedItem
@@ -127,7 +125,7 @@ class Glance(msgspec.Struct):
 class Results:
     """The results of a campaign so far, one per case in the order of the cases; every iteration reads the results from disk.
 
-    Memory holds some 150 bytes per case: the hash and the number of the case, and the position of its line in the file.
+    Memory holds some 300 bytes per case: the hash and the number of the case, and the position of its line in the file.
 
     Args:
         path: the file; None for a temporary file, which is deleted when this process ends.
@@ -144,9 +142,8 @@ class Results:
         """Number of verdicts of all cases."""
         self._file = _open_results(self.path, head is not None)
         weakref.finalize(self, self._file.close)
-        self._case_hashes: set[bytes] = set()
-        self._index = array("q"), array("q"), array("q"), array("q")
-        """Four columns with a row per result: number of the case, start of its hash, offset and length of its line [bytes]."""
+        self._index: dict[bytes, tuple[int, int, int]] = {}
+        """By hash of the case, the number of the case, and offset and length of its line [bytes]."""
         self.outcomes: set[Outcome] = set()
         """The outcomes of all verdicts."""
         try:
@@ -198,11 +195,9 @@ class Results:
         """Index a line with a result, given its offset in the file, and return whether its case is new."""
         glance = msgspec.json.decode(line, type=Glance)
         key = bytes.fromhex(glance.case)
-        if key in self._case_hashes:
+        if key in self._index:
             return False
-        self._case_hashes.add(key)
-        for column, value in zip(self._index, (glance.number, int.from_bytes(key[:7]), place, len(line)), strict=True):
-            column.append(value)
+        self._index[key] = glance.number, place, len(line)
         self.verdicts += len(glance.verdicts)
         self.outcomes.update(verdict.outcome for verdict in glance.verdicts)
         return True
@@ -241,17 +236,17 @@ class Results:
 
     def holds(self, case: str) -> bool:
         """Return whether a case has a result, given the hash of the case."""
-        return bytes.fromhex(case) in self._case_hashes
+        return bytes.fromhex(case) in self._index
 
     def lines(self) -> Iterator[bytes]:
         """Yield the results in JSON as on disk, in the order of the cases."""
-        numbers, keys, places, lengths = (np.array(column, np.int64) for column in self._index)
-        for k in np.lexsort((keys, numbers)):
-            self._file.seek(int(places[k]))
-            yield self._file.read(int(lengths[k]))
+        for _, key in sorted((number, key) for key, (number, _, _) in self._index.items()):
+            _, place, length = self._index[key]
+            self._file.seek(place)
+            yield self._file.read(length)
 
     def __len__(self) -> int:
-        return len(self._case_hashes)
+        return len(self._index)
 
     def __iter__(self) -> Iterator[Judged]:
         for line in self.lines():

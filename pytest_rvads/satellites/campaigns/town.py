@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 
 from pytest_rvads.geometry.choosing import Choice, choose_among
-from pytest_rvads.geometry.finder import Kinds, load, name_of
+from pytest_rvads.geometry.finder import load, name_of
 from pytest_rvads.logic.outcome import Outcome, Tallied
 from pytest_rvads.report.outline import Picture
 from pytest_rvads.report.session_report import Drawn, Report, exit_status
@@ -38,23 +38,18 @@ class Town:
         junctions_wanted: Sequence[str],
         request: Request,
         *,
-        kinds: Kinds | None = None,
         limit: int | None = None,
         only: Sequence[str] = (),
         sample: int | None = None,
         seed: int = 0,
     ) -> Town:
-        """Return the town of some maps, with the chosen junctions and the planned runs.
-
-        Args:
-            kinds: the kinds of junctions to take; None for all kinds.
-        """
+        """Return the town of some maps, with the chosen junctions and the planned runs."""
         stems = Counter(name_of(map, "") for map in maps)
         if duplicate := next((map for map in maps if stems[name_of(map, "")] > 1), None):
             raise MapError(
                 f"ids tell junctions by the name of their map, and two are called {duplicate.stem!r}: rename one of them"
             )
-        choice = choose_among(((text, map) for map in maps for text in junctions_wanted), kinds=kinds, limit=limit, seed=seed)
+        choice = choose_among(((text, map) for map in maps for text in junctions_wanted), limit=limit, seed=seed)
         return cls(tuple(maps), choice, Plan(choice.junctions, request, tuple(only), sample, seed))
 
     def cases(self) -> Iterator[Case]:

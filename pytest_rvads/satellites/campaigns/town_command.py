@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import json
-import os
 import shlex
 from concurrent.futures import Executor
 from contextlib import nullcontext
 from dataclasses import replace
-from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pytest_rvads.cli.common import MAP_FORMATS, Subparsers, listed_rules, make_folder, say, show, terminable, warn
+from pytest_rvads.cli.common import MAP_FORMATS, Subparsers, listed_rules, make_folder, progress, say, show, terminable, warn
 from pytest_rvads.cli.shared_options import declare_driver, declare_rules, opened_driver, opened_executor, program, share
-from pytest_rvads.geometry.network import HAND
 from pytest_rvads.report.session_report import NOTHING_JUDGED
 from pytest_rvads.support.errors import RvadsError, ScenarioError
 from pytest_rvads.support.wording import first, plural, quoted
@@ -29,12 +25,6 @@ Judge a controller at every junction of maps. The folder of -o gets town.html, t
 junctions; town.json, the report; results-*.jsonl, the results so far, so that the same command continues after an interruption;
 and replays, a page of the first example of every cause. Exit status: 0 if every verdict passed, 1 if something failed, 2 if an
 argument is wrong or the command did not come to its end, 5 if nothing was judged."""
-
-
-_LARGEST = 2**31
-"""Largest map file that is read for the digest [bytes]; the map reader has refused larger files before the digest is made."""
-_CHOICES = ("maps", "cover", "occupancy", "grid", "subject", "traffic", "followers", "junctions", "limit", "sample", "seed")
-"""Command-line options that choose the runs; a campaign with other values gets another file of results."""
 
 
 def declare(commands: Subparsers) -> None:
@@ -182,20 +172,25 @@ def _judge_town(
     """Simulate and judge the runs, write page and reports, also after an interruption, and return the exit status."""
     from pytest_rvads.report.files import save, write
     from pytest_rvads.report.page import page
-    from pytest_rvads.satellites.campaigns.campaign import campaign
-    from pytest_rvads.satellites.campaigns.replays import Replays, draw_replays, progressing
+    from pytest_rvads.satellites.campaigns.campaign import campaign, digest
+    from pytest_rvads.satellites.campaigns.replays import Replays, draw_replays
     from pytest_rvads.satellites.campaigns.resultsfile import Results
 
     again = _rerun_command(options)
-    path = None if options.only else folder / f"results-{_results_digest(town, simulator, options)}.jsonl"
+    path = None if options.only else folder / f"results-{digest(town.cases(), town.plan.request.rules, simulator)}.jsonl"
     if path is not None and path.exists():
         warn(f"{path} has results of this town: cases with a result are not simulated again")
     cut, rules, replays = "", town.plan.request.rules, Replays()
     try:
-        with progressing("runs") as progress:
-            results = campaign(
-                town.cases(), rules, executor=executor, results=path, simulator=simulator, progress=progress, total=town.runs
-            )
+        results = campaign(
+            town.cases(),
+            rules,
+            executor=executor,
+            results=path,
+            simulator=simulator,
+            progress=progress,
+            total=town.runs,
+        )
     except (KeyboardInterrupt, RvadsError) as stopped:
         if path is None or not path.exists():
             raise
@@ -210,17 +205,16 @@ def _judge_town(
         warn(f"rvads: {cut}")
     with results:
         if not cut:
-            with progressing("replays") as progress:
-                replays = draw_replays(
-                    results.records(),
-                    town.case_of,
-                    rules,
-                    lambda name: f"{again} {quoted(name)}",
-                    folder,
-                    executor,
-                    simulator,
-                    progress,
-                )
+            replays = draw_replays(
+                results.records(),
+                town.case_of,
+                rules,
+                lambda name: f"{again} {quoted(name)}",
+                folder,
+                executor,
+                simulator,
+                "replays",
+            )
         report = town.report(results, replays, again, cut)
         title = f"rvads town: {', '.join(map.stem for map in town.maps)}"
         write(folder / "town.html", page(report, folder, title, town.pictures(results)))
@@ -230,18 +224,3 @@ def _judge_town(
             say(note)
         say(f"look: {folder / 'town.html'}")
         return report.exitstatus
-
-
-def _results_digest(town: Town, simulator: Simulator, options: argparse.Namespace) -> str:
-    """Return a digest of all that results depend on, for the name of their file: maps, driver, simulator, rules, code."""
-    from pytest_rvads.drivers.identity import identity
-    from pytest_rvads.support.installed import code
-    from pytest_rvads.support.storage import read_file
-
-    key_parts: list[Any] = [sha256(read_file(map, _LARGEST)).hexdigest() for map in town.maps]
-    key_parts += [code(), identity(town.plan.request.driver), identity(simulator)]
-    key_parts += [rule if isinstance(rule, str) else f"{rule.name} {identity(rule)}" for rule in town.plan.request.rules]
-    key_parts += [identity(town.plan.request.traffic.factory)] if town.plan.request.traffic else []
-    key_parts.append([getattr(options, name) for name in _CHOICES])
-    key_parts += [hand] if (hand := os.environ.get(HAND)) else []
-    return sha256(json.dumps(key_parts).encode("utf-8", "surrogatepass")).hexdigest()[:12]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from functools import cached_property, partial
 from typing import NamedTuple
@@ -122,16 +122,9 @@ class Plan:
         return counts
 
     def __iter__(self) -> Iterator[Planned]:
-        if self.sample is None:
-            yield from self._all_cases()
-        else:
+        if self.sample is not None:
             yield from self._sampled_cases
-
-    @cached_property
-    def _sampled_cases(self) -> list[Planned]:
-        return draw(_Again(self), self.sample or 0, self.seed, _stratum, lambda planned: planned.name)
-
-    def _all_cases(self) -> Iterator[Planned]:
+            return
         request = self.request
         traffic = None if request.traffic is None or request.subject is None else request.traffic
         for place in self.places:
@@ -142,6 +135,10 @@ class Plan:
                     ids = (name, *(f"{name}-{rule}" for rule in rules)) if self.only else ()
                     if not self.only or any(fnmatchcase(id, pattern) for pattern in self.only for id in ids):
                         yield Planned(name, Case(scenario, request.driver, traffic.factory if traffic else None))
+
+    @cached_property
+    def _sampled_cases(self) -> list[Planned]:
+        return draw(replace(self, sample=None), self.sample or 0, self.seed, _stratum, lambda planned: planned.name)
 
     def selections(self, place: Junction) -> tuple[Selection, ...]:
         """Return the selected scenarios of a junction, also without room, and for a subject those without other vehicles."""
@@ -165,16 +162,6 @@ class Plan:
                 count += total if selection.roomy else sum(1 for _ in selection.fitting(unfit.append))
             self._counts[place.name] = count, LeftOut(len(unfit), str(unfit[0])) if unfit else None
         return self._counts[place.name]
-
-
-class _Again:
-    """All cases of a plan, including cases outside its sample, as an object that can be iterated several times."""
-
-    def __init__(self, plan: Plan) -> None:
-        self._plan = plan
-
-    def __iter__(self) -> Iterator[Planned]:
-        return self._plan._all_cases()
 
 
 def _stratum(planned: Planned) -> tuple[str, ...]:
