@@ -18,11 +18,11 @@ import pytest
 from msgspec import structs
 
 import pytest_rvads as rvads
-from pytest_rvads.cli.notebook import _MARKS, Picture, html, telling
+from pytest_rvads.cli.notebook import Picture, html, telling
 from pytest_rvads.geometry.finder import find, names
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
-from pytest_rvads.logic.outcome import Outcome
+from pytest_rvads.logic.outcome import MARKS, Outcome
 from pytest_rvads.report.draw.curves import draw_braking
 from pytest_rvads.runs.measured import Kpis, PairKpis, VehicleKpis
 from pytest_rvads.runs.run import Excerpt, Fault, Run
@@ -209,7 +209,7 @@ def test_unavoidable_and_provoked_verdicts_are_not_shown_as_fail() -> None:
 
 
 def test_every_status_has_its_mark() -> None:
-    assert {outcome.mark for outcome in Outcome} == set(_MARKS)
+    assert {outcome.mark for outcome in Outcome} == set(MARKS)
     for status in Status:
         assert status.value in shown(Verdict("r", status, "message")).text
 
@@ -263,7 +263,7 @@ def test_results_show_their_totals_and_causes() -> None:
 
 
 def test_white_letters_can_be_read_on_every_mark() -> None:
-    for _, colour in _MARKS.values():
+    for _, colour, _ in MARKS.values():
         parts = [int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)]
         linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts]
         light = 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]

@@ -85,7 +85,13 @@ def rendered(
         with_items: whether the page has a place for the items of a report.
         starts: address of the page of critical starts; empty without one.
     """
-    more = {"same": SAME, "long": LONG, "link": partial(_page_link, folder=folder), "with_items": with_items, "starts": starts}
+    more: dict[str, Any] = {
+        "same": SAME,
+        "long": LONG,
+        "link": partial(_page_link, folder=folder),
+        "with_items": with_items,
+        "starts": starts,
+    }
     return webpage("page.html", title, data, ("page.css", *sources), blocks=blocks, **more)
 
 

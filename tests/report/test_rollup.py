@@ -17,7 +17,7 @@ from msgspec.structs import replace
 
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.outcome import Outcome
-from pytest_rvads.report import matrix, rollup, triage
+from pytest_rvads.report import matrix, triage
 from pytest_rvads.report.counting import counted
 from pytest_rvads.report.coverage import cell_coverage
 from pytest_rvads.report.files import FORMATS, load
@@ -27,6 +27,7 @@ from pytest_rvads.report.page import page
 from pytest_rvads.report.record import Computing, Record, RecordedItem, conclude, planned_record
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.report.terminal import summary
+from pytest_rvads.support.wording import natural
 
 
 def record(junction: str, run: int, rule: str, status: str, **more: Any) -> Record:
@@ -471,4 +472,4 @@ def test_stack_with_several_vehicles_counts_one_run() -> None:
 def test_names_with_numbers_are_in_their_order_however_long_these_are() -> None:
     long = "9" * 5000  # Python makes no number of so many digits
     names = ["j26", "j124", "j07", "j7", f"j{long}", f"j1{long}", "j", "\u0663"]
-    assert sorted(names, key=rollup.natural) == ["\u0663", "j", "j07", "j7", "j26", "j124", f"j{long}", f"j1{long}"]
+    assert sorted(names, key=natural) == ["\u0663", "j", "j07", "j7", "j26", "j124", f"j{long}", f"j1{long}"]

@@ -21,7 +21,7 @@ from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.report.counting import counted
 from pytest_rvads.report.coverage import largest_gap
 from pytest_rvads.report.figures import total
-from pytest_rvads.report.outline import Notes, Section
+from pytest_rvads.report.outline import Block, Notes, Section
 from pytest_rvads.report.page import rendered
 from pytest_rvads.report.session_report import Report, exit_status
 from pytest_rvads.report.side_by_side import side_by_side
@@ -244,7 +244,12 @@ def _write(league: League, standings: Sequence[Standing], folder: Path) -> None:
     drawn = f"{plural(len(league.cells), 'cell')} and {plural(len(league.lines), 'line')} of starts for every driver"
     where = f"at {', '.join(place.name for place in league.places)}, among {' and '.join(league.config.traffic)} traffic"
     notes = tuple(f"{standing.name}: {note}" for standing in standings for note in standing.report.notes)
-    blocks = [Notes(notes), Section("cells", (f"{drawn}, {where}",)), Section("how to read the tables", _READING), *parts]
+    blocks: list[Block] = [
+        Notes(notes),
+        Section("cells", (f"{drawn}, {where}",)),
+        Section("how to read the tables", _READING),
+        *parts,
+    ]
     write_file(folder / "league.html", rendered(f"rvads league: {league.path.stem}", blocks, {}, folder).encode())
     content = {
         "format": "rvads-league",
