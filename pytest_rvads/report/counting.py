@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from pytest_rvads.logic.outcome import Outcome, Tallied
 from pytest_rvads.report.record import Record, RecordedItem, SimulatedItem
 from pytest_rvads.report.session_report import Cell, Move, Report, cell_of
-from pytest_rvads.runs.measured import Kpis, PairKpis, VehicleKpis
+from pytest_rvads.runs.measured import PairKpis, VehicleKpis
 
 TICKS = 100
 """Ticks per second: differences between arrivals are counted in ticks of 0.01 s."""
@@ -96,8 +96,7 @@ class Counts:
         self.met: defaultdict[Site, defaultdict[tuple[Move, Move], Counter[int]]] = defaultdict(lambda: defaultdict(Counter))
         """By junction and pair of movements, how often each difference of arrivals was tried [ticks]."""
         self._tried: defaultdict[Site, set[str]] = defaultdict(set)
-        self._timed: set[str] = set()
-        self._last: Kpis | None = None
+        self._measured: set[str] = set()
 
     def add(self, record: Record) -> None:
         """Count a record."""
@@ -130,32 +129,28 @@ class Counts:
                 self.makers[verb, name, source].add(record.ran_as)
 
     def _add_indicators(self, record: Record) -> None:
-        """Count the extremes, the computing times and the excessive requests of the run of a record."""
+        """Count the extremes, the computing times and the excessive requests of the run of a record, once per run."""
         if record.asks == "no_collision" and record.kpis and any(pair.ttc == 0.0 for pair in record.kpis.pairs):
             self.contacts[record.where] = record.status
-        # The records of a run from a campaign share one object with the indicators.
-        if record.kpis and record.kpis is not self._last:
-            self._last = record.kpis
-            entries: tuple[PairKpis | VehicleKpis, ...] = (*record.kpis.pairs, *record.kpis.vehicles)
-            for entry in entries:
-                for key, pick in _PICKS:
-                    value, known = getattr(entry, key, None), self.extremes.get(key)
-                    if value is not None and (known is None or pick(value, known[0]) != known[0]):
-                        self.extremes[key] = value, entry, record
-        if not (record.timing or record.excess):
-            return
         run = f"{record.run} {record.hash}"
-        if record.timing and run not in self._timed:
-            self._timed.add(run)
-            for computing in record.timing.values():
-                computed = self.computed[computing.stack]
-                computed.runs.add(run)
-                computed.decisions += computing.decisions
-                computed.longest = max(computed.longest, computing.longest)
-                computed.seconds.append(computing.compute)
+        if run in self._measured and record.hash:
+            return
+        self._measured.add(run)
+        entries: tuple[PairKpis | VehicleKpis, ...] = (*record.kpis.pairs, *record.kpis.vehicles) if record.kpis else ()
+        for entry in entries:
+            for key, pick in _PICKS:
+                value, known = getattr(entry, key, None), self.extremes.get(key)
+                if value is not None and (known is None or pick(value, known[0]) != known[0]):
+                    self.extremes[key] = value, entry, record
+        for computing in (record.timing or {}).values():
+            computed = self.computed[computing.stack]
+            computed.runs.add(run)
+            computed.decisions += computing.decisions
+            computed.longest = max(computed.longest, computing.longest)
+            computed.seconds.append(computing.compute)
         if record.excess:
             requests = sum(excess.requests for excess in record.excess.values())
-            self.excess.setdefault(run, (requests, max((excess.largest for excess in record.excess.values()), key=abs)))
+            self.excess[run] = requests, max((excess.largest for excess in record.excess.values()), key=abs)
 
     def _add_arrivals(self, site: Site, record: Record) -> None:
         """Count the differences between arrivals that the run of a record tried, once per run."""
