@@ -20,7 +20,7 @@ from pytest_rvads.fixtures.running import run, rvads_cell, rvads_recorded, rvads
 from pytest_rvads.fixtures.systems import rvads_autopilot, rvads_map, rvads_simulator, rvads_sut, rvads_vehicle
 from pytest_rvads.session import hooks
 from pytest_rvads.session.chosen_driver import code_of_driver, code_of_simulator, offer
-from pytest_rvads.session.closing import Causes, Verdicts
+from pytest_rvads.session.closing import Closing
 from pytest_rvads.session.collection.expansion import expand, expand_recorded, idle, is_recorded, unused
 from pytest_rvads.session.collection.extensions import open_book, open_session, outliving
 from pytest_rvads.session.collection.marks import register_marks
@@ -110,10 +110,8 @@ def pytest_configure(config: pytest.Config) -> None:
     else:
         heed(config)
         session = Session(config, planner)
-        verdicts = Verdicts(session)
         config.pluginmanager.register(session, "rvads_session")
-        config.pluginmanager.register(verdicts, "rvads_verdicts")
-        config.pluginmanager.register(Causes(verdicts, session), "rvads_causes")
+        config.pluginmanager.register(Closing(session), "rvads_closing")
 
 
 def pytest_report_header(config: pytest.Config) -> list[str]:

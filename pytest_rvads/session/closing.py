@@ -1,12 +1,6 @@
-"""Prints the end of a session in the terminal: the verdicts, pytest's short summary, and the causes of failures.
+"""Adds to pytest's output: the verdicts before pytest's short summary, and the causes of failures after it.
 
-Pytest prints a block per failure, and in its short summary a line per failure. This module leaves one block and one line per
-cause. The causes, which are printed at the end, count the other failures.
-
-Two wrappers surround pytest's summary. The outer wrapper removes failures from pytest's list before pytest prints its blocks.
-The inner wrapper puts these failures back, prints the verdicts, lets other plugins print, and removes the failures again
-before pytest prints its short summary. The outer wrapper puts the failures back and prints the causes. So other plugins see
-pytest's list of failures unchanged.
+Pytest's list of failures stays as it is. The text of a failure becomes one line if an earlier failure explains it.
 """
 
 from __future__ import annotations
@@ -14,116 +8,48 @@ from __future__ import annotations
 import shutil
 import sys
 from collections.abc import Generator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pytest
 
 from pytest_rvads.session.main_process import Session, has_run
-from pytest_rvads.support.wording import encode_all, named_error, plural, printable
+from pytest_rvads.support.wording import encode_all, named_error, printable
 
 if TYPE_CHECKING:
     from pytest_rvads.report.terminal import Summary
 
-_FOLDED = {"failed": "f", "error": "E"}
-"""By kind of reports that are folded, the letter of pytest's option ``-r`` that requests lines in pytest's short summary."""
 
-
-class Verdicts:
-    """Prints the verdicts before pytest's short summary, and leaves one failure per cause in pytest's list of failures."""
+class Closing:
+    """Adds sections around those of pytest and of other plugins, and explains one failure of a kind in the main process."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
-        self.summary: Summary | None = None
+        config = session.config
+        self._abridges = config.getoption("verbose", 0) < 2 and not config.getoption("usepdb", False)
+        self._explained: dict[str, str] = {}
+        """By signature of a failure, the node id of the first failure with this signature, whose text stays whole."""
+        self._summary: Summary | None = None
         """The printed summary; None in a session without items of this plugin, or after an error while the summary was made."""
-        self._whole: dict[str, list[Any]] = {}
-        """The reports of pytest's terminal reporter before failures were removed, by kind of removed failures."""
 
-    def begin(self, reporter: pytest.TerminalReporter) -> None:
-        """Make the summary, and remove failures from pytest's list before pytest prints its blocks."""
-        encode_all(sys.stdout)
-        report = self._session.report
-        if report and has_run(report):
-            from pytest_rvads.report.terminal import summarise
-
-            try:
-                self.summary = summarise(
-                    report,
-                    colour=reporter.hasmarkup,
-                    width=shutil.get_terminal_size().columns,
-                    unicode=(sys.stdout.encoding or "").lower().startswith("utf"),
-                    full=reporter.verbosity >= 2,
-                    more="-vv shows them all",
-                    head=False,
-                )
-            except Exception as error:
-                self._session.troubles.append(f"the summary could not be shown: {named_error(error)}")
-        self.fold(reporter)
-
-    @pytest.hookimpl(wrapper=True, trylast=True)
-    def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> Generator[None, object, object]:
-        """Print the verdicts, and let other plugins see all failures before pytest prints its short summary."""
-        self.restore(terminalreporter)
-        if self.summary:
-            terminalreporter.section("rvads verdicts")
-            terminalreporter.write(self.summary.verdicts)
-        try:
-            return (yield)
-        finally:
-            self.fold(terminalreporter)
-
-    def fold(self, reporter: pytest.TerminalReporter) -> None:
-        """Remove the reports of failures that a cause counts, except one example per cause; `restore` puts the reports back."""
-        if not self.summary or reporter.verbosity >= 2:
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Leave one line of the text of a failure that an earlier failure explains; captured output of the test stays."""
+        signature, text = report.__dict__.pop("rvads_short", (None, ""))
+        if signature is None or not self._abridges:
             return
-        examples = {*self.summary.examples}
-        for kind in _FOLDED:
-            reports = reporter.stats.get(kind, [])
-            remaining = []
-            for report in reports:
-                record = self._session.records.get(report.nodeid)
-                # No cause counts an error at teardown.
-                is_counted = record is not None and record.failed and hasattr(report, "rvads")
-                if not is_counted or report.nodeid in examples:
-                    remaining.append(report)
-            if len(remaining) < len(reports):
-                self._whole[kind] = reports
-                reporter.stats[kind] = remaining
-
-    def restore(self, reporter: pytest.TerminalReporter) -> None:
-        """Put the removed reports back into pytest's list."""
-        reporter.stats.update(self._whole)
-
-    def note(self, reporter: pytest.TerminalReporter) -> str:
-        """Return a line which says that pytest's output has one failure per cause; empty if the output has all failures."""
-        config = self._session.config
-        letters = [_FOLDED[kind] for kind in self._whole]
-        printed = {
-            "one block": config.getoption("tbstyle", "auto") != "no",
-            "one line": any(letter in getattr(reporter, "reportchars", "") for letter in letters),
-        }
-        if not letters or config.getoption("no_summary", False) or not any(printed.values()):
-            return ""
-        count = sum(len(reports) for reports in self._whole.values())
-        return f"{' and '.join(filter(printed.get, printed))} per cause; -vv lists all {plural(count, 'failure')}"
-
-
-class Causes:
-    """Prints the end of the summary: the causes of failures, the path of the page, and the reasons why the session fails."""
-
-    def __init__(self, verdicts: Verdicts, session: Session) -> None:
-        self._verdicts, self._session = verdicts, session
+        first = self._explained.setdefault(signature, report.nodeid)
+        if first != report.nodeid and not isinstance(report.longrepr, str):  # pytest's text of a strict xfail is one line
+            report.longrepr = f"{text}; see {first}"
+            report.sections = [part for part in report.sections if not (part[0].startswith("rvads") or " of the run" in part[0])]
 
     @pytest.hookimpl(wrapper=True, tryfirst=True)
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> Generator[None, object, object]:
-        """Fold the failures while pytest prints its summary, and print the causes below pytest's short summary."""
-        self._verdicts.begin(terminalreporter)
+        """Make the summary; print the causes, the path of the page, and the reasons why the session fails, below all sections."""
+        encode_all(sys.stdout)
+        self._summary = summary = self._summarised(terminalreporter)
         try:
             return (yield)
         finally:
-            self._verdicts.restore(terminalreporter)
-            summary = self._verdicts.summary
-            if note := self._verdicts.note(terminalreporter):
-                terminalreporter.write_line(note)
             if summary and summary.causes:
                 terminalreporter.section("rvads causes")
                 terminalreporter.write(summary.causes)
@@ -134,3 +60,30 @@ class Causes:
             for trouble in self._session.troubles:
                 terminalreporter.write_line(f"rvads: {printable(trouble)}", red=True)
             self._session.outputs.annotate(self._session.report, terminalreporter)
+
+    @pytest.hookimpl(specname="pytest_terminal_summary", tryfirst=True)
+    def pytest_print_verdicts(self, terminalreporter: pytest.TerminalReporter) -> None:
+        """Print the verdicts between pytest's blocks of failures and its short summary, which is a wrapper, too."""
+        if self._summary:
+            terminalreporter.section("rvads verdicts")
+            terminalreporter.write(self._summary.verdicts)
+
+    def _summarised(self, reporter: pytest.TerminalReporter) -> Summary | None:
+        report = self._session.report
+        if not (report and has_run(report)):
+            return None
+        from pytest_rvads.report.terminal import summarise
+
+        try:
+            return summarise(
+                report,
+                colour=reporter.hasmarkup,
+                width=shutil.get_terminal_size().columns,
+                unicode=(sys.stdout.encoding or "").lower().startswith("utf"),
+                full=reporter.verbosity >= 2,
+                more="-vv shows them all",
+                head=False,
+            )
+        except Exception as error:
+            self._session.troubles.append(f"the summary could not be shown: {named_error(error)}")
+            return None

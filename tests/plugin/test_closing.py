@@ -1,9 +1,10 @@
-"""The end of a session in the terminal: pytest's blocks and lines of failures folded per cause, then the causes."""
+"""The end of a session in the terminal: pytest's list of failures, with one explanation per signature, then the causes."""
 
 import importlib.util
 import re
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -42,52 +43,84 @@ def sections(result: pytest.RunResult) -> list[str]:
     return [found[1] for line in result.outlines if (found := re.fullmatch(r"=+ (.*?) =+", line))]
 
 
-@pytest.mark.parametrize(
-    "options", [(), pytest.param(("-n", "2"), marks=pytest.mark.slow), ("-p", "no:cacheprovider", "--tb=no")]
-)
-def test_failures_are_folded_per_cause_and_causes_come_last(pytester: pytest.Pytester, options: tuple[str, ...]) -> None:
+def texts(result: pytest.RunResult) -> dict[str, list[str]]:
+    """By name of a failed item, the lines of its block."""
+    blocks: dict[str, list[str]] = {}
+    lines: list[str] = []
+    for line in result.outlines[result.outlines.index(next(line for line in result.outlines if " FAILURES =" in line)) :]:
+        if re.fullmatch(r"=+ (?!FAILURES).* =+", line):
+            break
+        if found := re.fullmatch(r"_+ (test_.*?) _+", line):
+            lines = blocks.setdefault(found[1], [])
+        elif not line.startswith("[gw"):  # the worker
+            lines.append(line)
+    return blocks
+
+
+@pytest.mark.parametrize("options", [(), pytest.param(("-n", "2"), marks=pytest.mark.slow), ("-p", "no:cacheprovider")])
+def test_every_failure_is_listed_and_one_of_a_kind_is_explained(pytester: pytest.Pytester, options: tuple[str, ...]) -> None:
     pytester.makepyfile(RUDE)
     result = pytester.runpytest("-rfEx", *options)
     titles = sections(result)
     assert titles[-4:-1] == ["rvads verdicts", "short test summary info", "rvads causes"]
-    counts = result.parseoutcomes()
-    assert counts["failed"] > 4, "the closing line counts all"
-    causes = len([line for line in result.outlines if re.match(r" +6 x p1 ", line)])
-    assert causes == 1
-    first = next(line for line in result.outlines if "first: pytest " in line).partition("::")[2].rstrip('"')
-    assert sorted(named(result)) == sorted([first, "test_of_something_else"])
+    failed = result.parseoutcomes()["failed"]
+    assert (len(named(result)), len(set(named(result)))) == (failed, failed)
     assert named(result, "ERROR") == ["test_with_a_broken_fixture"]
-    (note,) = [line for line in result.outlines if "per cause; -vv lists all" in line]
-    blocks = [line.strip("_ ") for line in result.outlines if re.fullmatch(r"_+ test_.* _+", line)]
-    if "--tb=no" in options:
-        assert (note.split(" per ")[0], blocks) == ("one line", [])
-    else:
-        assert (note.split(" per ")[0], sorted(blocks)) == ("one block and one line", sorted([first, "test_of_something_else"]))
-    assert f" all {counts['failed']} failures" in note
-    assert result.outlines.index(note) < result.outlines.index(next(line for line in result.outlines if "rvads causes" in line))
+    blocks = texts(result)
+    assert sorted(blocks) == sorted(named(result))
+    short = {name: text for name, text in blocks.items() if len(text) == 1}
+    whole = {name for name in blocks if name not in short}
+    assert len(whole) == 3, "a collision, a missing stop, and the test of something else"
+    for name, (text,) in short.items():
+        rule = name.rpartition("-")[2].removesuffix("]")
+        found = re.fullmatch(rf"{rule} at t=\d.*; see test_\w+\.py::(.*)", text)
+        assert found, text
+        assert found[1] in whole
+        assert found[1].endswith(f"-{rule}]")
+    assert len([line for line in result.outlines if re.match(r" +6 x p1 ", line)]) == 1
+    first = next(line for line in result.outlines if "first: pytest " in line).partition("::")[2].rstrip('"')
+    assert first in blocks
     explained = [line for line in result.outlines if "entrance +1: " in line]
     assert len(explained) == 1, "causes name entrances by numbers with a plus"
     assert result.outlines.index(next(line for line in result.outlines if line.startswith("XFAIL"))) > 0
     assert result.ret == pytest.ExitCode.TESTS_FAILED
 
 
-def test_causes_that_are_not_listed_keep_the_line_of_their_first_item(pytester: pytest.Pytester, reference: None) -> None:
-    pytester.makepyfile(
-        """
-        import pytest
-        import pytest_rvads as rvads
+def test_other_plugins_get_every_failure_with_what_pytest_captured(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(RUDE.replace("monitor.check(rule)", "print('printed by the test'); monitor.check(rule)"))
+    result = pytester.runpytest("--junitxml=out.xml", "-o", "junit_logging=all")
+    cases = list(ElementTree.parse(pytester.path / "out.xml").iter("testcase"))
+    failures = [case for case in cases if case.find("failure") is not None]
+    assert len(failures) == result.parseoutcomes()["failed"] == 7
+    messages = [failure.get("message", "") for case in failures for failure in case.iter("failure")]
+    assert sum("; see test_" in message for message in messages) == 4
+    printed = [case for case in failures if "printed by the test" in (case.findtext("system-out") or "")]
+    assert len(printed) == 6
 
-        @pytest.mark.parametrize("kind", "abcdefghijkl")
-        @rvads.scenario("stop4", classes=1, grid="E", rules=("p1", "p4"), duration=0.1)
-        def test_many_faults(run, rule, monitor, kind):
-            raise ValueError(f"fault {kind}")
-        """
-    )
-    result = pytester.runpytest("--tb=no")
-    assert result.parseoutcomes() == {"failed": 24}
-    result.stdout.fnmatch_lines(["one line per cause; -vv lists all 24 failures", "  ... and 2 more: *"])
-    told = [found[1] for name in named(result) if (found := re.search(r"-([a-l])\]$", name))]
-    assert sorted(told) == list("abcdefghijkl"), "also those of the two causes that are not listed"
+
+def test_debugger_shows_every_failure_whole(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(RUDE)
+    pytester.makeconftest("""
+        import pytest
+
+        @pytest.hookimpl(tryfirst=True)
+        def pytest_exception_interact(report):
+            print("shown:", "; see test_" in report.longreprtext)
+    """)
+    result = pytester.runpytest("--pdb", "--pdbcls=tests.plugin.test_closing:Quiet", "-k", "p1")
+    assert [text.partition("\n")[0] for text in result.stdout.str().split("shown: ")[1:]] == ["False"] * 3
+
+
+class Quiet:
+    """A debugger that continues at once."""
+
+    quitting = False
+
+    def __init__(self, *_: object, **__: object) -> None: ...
+
+    def reset(self) -> None: ...
+
+    def interaction(self, *_: object) -> None: ...
 
 
 @pytest.mark.extended
@@ -108,22 +141,21 @@ def test_a_session_started_from_python_with_paths_is_summed_up(pytester: pytest.
     result.stdout.fnmatch_lines(["*= rvads causes =*", "causes of failures"])
 
 
-def test_verbose_session_shows_every_failure(pytester: pytest.Pytester) -> None:
+def test_verbose_session_explains_every_failure(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(RUDE)
     result = pytester.runpytest("--tb=short", "-vv")
     failed = result.parseoutcomes()["failed"]
-    assert len(named(result)) == failed
-    assert sum(bool(re.fullmatch(r"_+ test_.* _+", line)) for line in result.outlines) == failed, "and its block"
-    result.stdout.no_fnmatch_line("*per cause; -vv*")
+    blocks = texts(result)
+    assert len(named(result)) == len(blocks) == failed
+    assert min(map(len, blocks.values())) > 1
     assert sections(result)[-2] == "rvads causes"
 
 
 @pytest.mark.extended
-def test_note_on_left_out_failures_requires_a_short_summary(pytester: pytest.Pytester) -> None:
+def test_causes_stand_below_whatever_pytest_is_told_to_print(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(RUDE)
-    for options in (("-rN",), ("--no-summary",), ("-q", "-rx")):
+    for options in (("-rN",), ("--no-summary",), ("-q", "-rx"), ("-qq",)):
         result = pytester.runpytest("--tb=no", *options)
-        result.stdout.no_fnmatch_line("*per cause; -vv*")
         result.stdout.fnmatch_lines(["*= rvads causes =*", "causes of failures", "*first: pytest *"])
 
 
@@ -137,7 +169,7 @@ def test_who_sees_no_terminal_sees_no_summary(pytester: pytest.Pytester) -> None
     quiet.stdout.fnmatch_lines(["*= rvads verdicts =*", "FAILED *", "*= rvads causes =*", "causes of failures"])
 
 
-def test_other_plugins_see_all_reports_at_the_end(pytester: pytest.Pytester) -> None:
+def test_statistics_of_pytest_are_left_alone(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(RUDE)
     pytester.makeconftest(
         """
@@ -146,10 +178,9 @@ def test_other_plugins_see_all_reports_at_the_end(pytester: pytest.Pytester) -> 
         class Outermost:
             @pytest.hookimpl(wrapper=True, tryfirst=True)
             def pytest_terminal_summary(self, terminalreporter):
-                before = {kind: len(found) for kind, found in terminalreporter.stats.items()}
+                before = {kind: list(found) for kind, found in terminalreporter.stats.items()}
                 yield
-                after = {kind: len(found) for kind, found in terminalreporter.stats.items()}
-                terminalreporter.write_line(f"the same: {before == after}")
+                terminalreporter.write_line(f"the same: {before == terminalreporter.stats}")
 
         def pytest_sessionstart(session):
             session.config.pluginmanager.register(Outermost())
@@ -159,7 +190,7 @@ def test_other_plugins_see_all_reports_at_the_end(pytester: pytest.Pytester) -> 
         """
     )
     result = pytester.runpytest("--tb=no")
-    result.stdout.fnmatch_lines(["inside: *", "*= rvads causes =*", "the same: True"])
+    result.stdout.fnmatch_lines(["*= rvads verdicts =*", "inside: *", "*= rvads causes =*", "the same: True"])
     assert f"inside: {result.parseoutcomes()['failed']} failed" in result.outlines
 
 
@@ -222,7 +253,7 @@ def test_driver_crash_is_one_cause_over_rules_runs_and_times(pytester: pytest.Py
     result.assert_outcomes(errors=12)
     assert sum("first: pytest" in line for line in result.outlines) == 1
     result.stdout.fnmatch_lines(["  *12 x full_stop, p1: ERROR: Broken driving a? raised ValueError: no gap for *"])
-    assert len(named(result, "ERROR")) == 1
+    assert len(named(result, "ERROR")) == 12
 
 
 STACK = """
@@ -257,4 +288,3 @@ def test_dying_stack_is_one_cause(pytester: pytest.Pytester) -> None:
     assert [line for line in result.outlines if re.match(r" +\d+ x ", line)] == [
         line for line in result.outlines if re.match(r" +8 x full_stop, p1: ERROR: stack .* exited ", line)
     ]
-    assert len(named(result, "ERROR")) == 1
