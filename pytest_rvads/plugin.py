@@ -21,9 +21,9 @@ from pytest_rvads.fixtures.systems import rvads_autopilot, rvads_map, rvads_simu
 from pytest_rvads.session import hooks
 from pytest_rvads.session.chosen_driver import code_of_driver, code_of_simulator, offer
 from pytest_rvads.session.closing import Closing
+from pytest_rvads.session.collection.cells import register_marks
 from pytest_rvads.session.collection.expansion import expand, expand_recorded, idle, is_recorded, unused
 from pytest_rvads.session.collection.extensions import open_book, open_session, outliving
-from pytest_rvads.session.collection.marks import register_marks
 from pytest_rvads.session.interrupts import BUDGET, Budget, end_with_parent, heed, limits
 from pytest_rvads.session.items import RECORD, attach, letter, prepare, unwound
 from pytest_rvads.session.main_process import Session

@@ -1,12 +1,16 @@
 """Wrong use gives one sentence that helps, and hides nothing else."""
 
+import inspect
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import fields
 
 import pytest
 
+import pytest_rvads as rvads
 from pytest_rvads.runs.readers import READERS
 from pytest_rvads.runs.run import Run
+from pytest_rvads.session.collection.ask import Ask
 from pytest_rvads.support.errors import ScenarioError
 
 Make = Callable[..., Run]
@@ -95,6 +99,19 @@ def test_invalid_argument_is_an_error_at_the_line_of_the_mark(pytester: pytest.P
     for code, (_, says) in zip(codes, ARGUMENTS, strict=True):
         with pytest.raises(ScenarioError, match=re.escape(says)):  # where pytest does not run the file
             exec(compile(code, "a.py", "exec"), {})
+
+
+def test_parameters_of_the_mark_stand_once_and_type_checkers_know_them() -> None:
+    parameters = inspect.signature(rvads.scenario).parameters
+    described = re.findall(r"^    (\w+): ", (inspect.getdoc(rvads.scenario) or "").partition("Args:")[2], re.MULTILINE)
+    assert described == [*parameters, "ScenarioError"]
+    assert [*parameters] == [argument.name for argument in fields(Ask)][1:]
+    with pytest.raises(ScenarioError, match="clases"):
+        rvads.scenario("stop4", clases=3)  # type: ignore[call-arg]
+    with pytest.raises(ScenarioError, match="limit must be"):
+        rvads.scenario("*", limit="2")  # type: ignore[arg-type]
+    with pytest.raises(ScenarioError, match="place"):
+        rvads.scenario("stop4", place="here")  # type: ignore[call-arg]
 
 
 SESSIONS = [

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass, fields
 from functools import partial
 from numbers import Integral
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 from pytest_rvads.drivers.traffic import DEFAULT, Policy
 from pytest_rvads.geometry.builtin import NAMES
@@ -26,15 +26,19 @@ from pytest_rvads.scenarios.configurations import ARRIVALS, Configuration, expli
 from pytest_rvads.scenarios.orbits import OCCUPANCIES
 from pytest_rvads.scenarios.selection import CHOOSING, COVERS, Selection
 from pytest_rvads.scenarios.senses import IDEAL, Senses
-from pytest_rvads.scenarios.walks import Walk, walks_of
+from pytest_rvads.scenarios.walks import walks_of
 from pytest_rvads.session.collection.cells import NoRoom, Resolved, Selected
 from pytest_rvads.session.collection.extensions import Extensions
-from pytest_rvads.session.collection.misuse import several
+from pytest_rvads.session.collection.misuse import refuse_unknown, several
 from pytest_rvads.session.options import Options
-from pytest_rvads.support.errors import ScenarioError, suggest
+from pytest_rvads.support.errors import ScenarioError
 
-_Values = tuple[float | tuple[float, ...], ...]
-"""Distances or speeds to run in succession; each is a number for all entrances, or a tuple with a number per entrance."""
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from pytest_rvads.drivers.interface import Factory
+    from pytest_rvads.scenarios.pedestrians import Pedestrian
+
 _SEVERAL: dict[str, tuple[Any, str]] = {
     "junction": (str, "names, ids or types of junctions"),
     "classes": (Integral, "class numbers"),
@@ -57,66 +61,65 @@ _SINGLE: dict[str, tuple[Callable[[Any], bool], str]] = {
 """Per argument that takes one value: a test of the value, and the expected value in words."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Ask:
-    """The arguments of a mark ``@rvads.scenario``, see `pytest_rvads.scenario`; None stands for the default of the session."""
+    """The arguments of a mark ``@rvads.scenario``, which has these parameters; None stands for the default of the session.
+
+    The types are those of what a test may write. `Ask.of` checks the arguments, and makes tuples or lists of what can be several
+    values.
+    """
 
     place: str
-    """File and line of the mark."""
-    junction: tuple[str, ...]
-    """Names, ids, types or places of junctions."""
-    kinds: Kinds | None
-    """Kinds (control, number of arms, approach) to which the junctions are restricted; None for all kinds."""
-    limit: int | None
-    map: str | os.PathLike[str] | None
-    classes: tuple[int, ...] | None
-    scenarios: tuple[str, ...] | None
-    cover: str | None
-    occupancy: str
-    followers: tuple[int, ...]
-    grid: tuple[str, ...] | None
-    distances: _Values | None
-    speeds: _Values | None
-    probe: bool
-    rules: tuple[str | Rule, ...] | None
-    subject: int | str | None
-    traffic: tuple[Policy | None, ...]
-    """Policies of the traffic; without a subject, the only policy is None."""
-    pedestrians: tuple[Walk, ...]
-    senses: tuple[Senses, ...]
-    duration: float | None
-    aggression: int
-    wait: float
-    requirement: tuple[str, ...]
+    """File and line of the mark; no argument of the mark."""
+    junction: str | Iterable[str] | None = None
+    _: KW_ONLY
+    map: str | None = None
+    junctions: Mapping[str, Any] | None = None
+    limit: int | None = None
+    classes: int | Iterable[int] | None = None
+    scenarios: str | Iterable[str] | None = None
+    cover: str | None = None
+    occupancy: str = "arms"
+    followers: int | Iterable[int] | None = None
+    grid: str | Iterable[str] | None = None
+    distances: float | Sequence[Any] | NDArray[Any] | None = None
+    speeds: float | Sequence[Any] | NDArray[Any] | None = None
+    probe: bool = False
+    rules: str | Rule | Iterable[str | Rule] | None = None
+    subject: int | str | None = None
+    traffic: str | Factory | Iterable[str | Factory] | None = None
+    pedestrians: str | Pedestrian | Mapping[str, Any] | Iterable[str | Pedestrian | Mapping[str, Any]] | None = None
+    senses: Senses | Iterable[Senses] | Mapping[str, Any] | None = None
+    duration: float | None = None
+    aggression: int = 1
+    wait: float = 1.5
+    requirement: str | Iterable[str] | None = None
 
     @classmethod
-    def of(cls, place: str, arguments: Mapping[str, Any], misspelt: Iterable[str]) -> Ask:
+    def of(cls, place: str, given: Mapping[str, Any]) -> Ask:
         """Check the arguments of a mark as far as possible without the junction and the options of the session."""
-        checked = dict(arguments)
-        for keyword in misspelt:
-            raise ScenarioError(f"@rvads.scenario takes {', '.join(checked)}, got {keyword!r}{suggest(keyword, checked)}")
-        _refuse(arguments)
-        check_numbers(arguments["duration"], arguments["aggression"], arguments["wait"])
-        for name, (kind, what) in _SEVERAL.items():
-            if not (name == "senses" and isinstance(arguments[name], Mapping)):
-                checked[name] = several(name, arguments[name], kind, what)
-        kinds = checked.pop("junctions")
-        checked |= {
-            "junction": checked["junction"] or (EVERY,),
-            "kinds": None if kinds is None else Kinds.of(kinds),
-            "distances": _values_of("distances", arguments["distances"]),
-            "speeds": _values_of("speeds", arguments["speeds"]),
-            "pedestrians": walks_of(arguments["pedestrians"]),
-            "traffic": (None,) if arguments["subject"] is None else _policies_of(arguments["traffic"]),
-            "senses": Senses.grid(arguments["senses"])
-            if isinstance(arguments["senses"], Mapping)
-            else checked["senses"] or (IDEAL,),
-            "requirement": checked["requirement"] or (),
-            "followers": checked["followers"] or (0,),
+        values: dict[str, Any] = {argument.name: argument.default for argument in fields(cls) if argument.name != "place"}
+        refuse_unknown("@rvads.scenario takes", given, values)
+        values |= given
+        _refuse(values)
+        check_numbers(values["duration"], values["aggression"], values["wait"])
+        if isinstance(values["senses"], Mapping):
+            values["senses"] = Senses.grid(values["senses"])
+        values |= {name: one_or_several(name, values[name]) for name in _SEVERAL}
+        values |= {
+            "junction": values["junction"] or (EVERY,),
+            "junctions": None if values["junctions"] is None else Kinds.of(values["junctions"]),
+            "distances": _values_of("distances", values["distances"]),
+            "speeds": _values_of("speeds", values["speeds"]),
+            "pedestrians": walks_of(values["pedestrians"]),
+            "traffic": (None,) if values["subject"] is None else _policies_of(values["traffic"]),
+            "senses": values["senses"] or (IDEAL,),
+            "requirement": values["requirement"] or (),
+            "followers": values["followers"] or (0,),
         }
-        for count in checked["followers"]:
+        for count in values["followers"]:
             check_followers(count)
-        return cls(place=place, **checked)
+        return cls(place, **values)
 
     def resolve(
         self,
@@ -127,8 +130,8 @@ class Ask:
         takes_rule: bool,
     ) -> Selected:
         """Return the runs and rules that the mark selects at each junction."""
-        sources = [self._source(name, folder, options.map, added) for name in self.junction]
-        choice = choose_among(sources, kinds=self.kinds)
+        sources = [self._source(name, folder, options.map, added) for name in self.junction or ()]
+        choice = choose_among(sources, kinds=cast("Kinds | None", self.junctions))
         places = [place.limited(options.speed_limit) if options.speed_limit else place for place in choice.junctions]
         resolved: dict[Junction, Resolved] = {}
         errors: dict[Junction, ScenarioError] = {}
@@ -181,13 +184,15 @@ class Ask:
             **{name: getattr(self, name) for name in _UNCHANGED},
         )
         rules = self.judged_by(place) if takes_rule else (None,)
-        resolved = Resolved(self.place, selection, self.traffic, rules, self.requirement)
+        traffic = cast("tuple[Policy | None, ...]", self.traffic)  # without a subject, the only policy is None
+        resolved = Resolved(self.place, selection, traffic, rules, tuple(self.requirement or ()))
         resolved.check()
         return resolved
 
     def judged_by(self, place: Junction) -> tuple[Rule, ...]:
         """Return the rules that judge the runs at a junction."""
-        return judged_at(self.rules or ("paper" if self.subject is None else "road",), place)
+        rules = cast("tuple[str | Rule, ...] | None", self.rules)
+        return judged_at(rules or ("paper" if self.subject is None else "road",), place)
 
     def _source(self, junction: str, folder: Path, default: str | None, added: Extensions) -> tuple[str, str | None]:
         """Return the name of a junction and the path of its map file, the arguments of `find`."""
@@ -211,7 +216,7 @@ class Ask:
         axes = [grids[name] for name in names if name in grids]
         letters = [name for name in names if name not in grids]
         if self.distances:
-            axes, letters = [(list(self.distances), list(self.speeds or (0.0,)))], []
+            axes, letters = [(self.distances, self.speeds or [0.0])], []
         paper = grid(letters, ways, place.control) if letters else ()
         explicit_points = [configuration for distances, speeds in axes for configuration in explicit(distances, speeds, ways)]
         stopping = explicit_points
@@ -227,6 +232,11 @@ class Ask:
                 "(`rvads dynamics braking` lists v(d)max): lower the speeds, or say probe=True to run them all the same"
             )
         return tuple(dict.fromkeys((*paper, *stopping))), len(explicit_points) - len(stopping)
+
+
+def one_or_several(name: str, value: Any) -> tuple[Any, ...] | None:
+    """Return the value or values of an argument of a mark as a tuple, or None for None."""
+    return several(name, value, *_SEVERAL[name])
 
 
 def judged_at(names: Sequence[str | Rule], place: Junction) -> tuple[Rule, ...]:
@@ -268,15 +278,18 @@ def _refuse(arguments: Mapping[str, Any]) -> None:
         raise ScenarioError("traffic= drives the vehicles beside a subject: say subject=0 or 'all', or leave traffic= out")
 
 
-def _values_of(name: str, axis: Any) -> _Values | None:
-    """Return distances or speeds as a tuple of values; the number of entrances is checked when the junction is known."""
+def _values_of(name: str, axis: Any) -> list[float | tuple[float, ...]] | None:
+    """Return the distances or speeds to run in succession, each a number for all entrances or a tuple with a number for each.
+
+    The number of entrances is checked when the junction is known.
+    """
     axis = plain(axis)
     entries = list(map(plain, axis)) if isinstance(axis, list) else [] if axis is None else [axis]
     if axis == []:
         raise ScenarioError(f"{name} is an empty list: give at least one value")
     for entry in entries:
         per_entrance(name, entry, len(entry) or 1 if isinstance(entry, Sequence) else 1)
-    return tuple(tuple(entry) if isinstance(entry, Sequence) else entry for entry in entries) or None
+    return [tuple(entry) if isinstance(entry, Sequence) else entry for entry in entries] or None
 
 
 def _policies_of(traffic: Any) -> tuple[Policy, ...]:

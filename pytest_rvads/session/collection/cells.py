@@ -5,6 +5,7 @@ The marks of a test select cells: junctions, the runs at each junction, and a sa
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -12,11 +13,13 @@ from hashlib import sha256
 from numbers import Integral
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from pytest_rvads.session.collection.misuse import several, told_at
-from pytest_rvads.support.errors import ScenarioError, suggest
+from pytest_rvads.session.collection.misuse import refuse_unknown, several, told_at
+from pytest_rvads.support.errors import ScenarioError
 from pytest_rvads.support.stratified import draw
 
 if TYPE_CHECKING:
+    import pytest
+
     from pytest_rvads.drivers.traffic import Policy
     from pytest_rvads.logic.rules.rule import Rule
     from pytest_rvads.scenarios.scenario import Scenario
@@ -25,8 +28,24 @@ if TYPE_CHECKING:
 KEYS = ("junction", "cls", "scenario", "cfg", "rotation", "seat", "pedestrians", "traffic", "recording", "rule")
 """Keywords that select cells, in ``-m "rvads(cls=7)"`` and in ``@rvads.known(cls=7)``."""
 
+_MARKS = (
+    "rvads_scenario(junction, ...): run over scenarios; written as @rvads.scenario",
+    "rvads_recorded(pattern, ...): run over recorded runs; written as @rvads.recorded",
+    "rvads_known(name, ...): cells of a known deficiency; written as @rvads.known",
+    f"rvads({', '.join(KEYS)}): on every item, to select by -m \"rvads(cls=7, rule='p1')\"",
+)
+
 Traced = tuple[str, ...]
 """Identifiers of requirements."""
+
+
+def register_marks(config: pytest.Config) -> None:
+    """Register the marks of the plugin with pytest, and refuse unknown keywords in ``-m "rvads(...)"``."""
+    unquoted = re.sub(r"""'[^']*'|"[^"]*\"""", "", config.option.markexpr)
+    selections = " ".join(re.findall(r"\brvads\s*\(([^)]*)", unquoted))
+    refuse_unknown("-m rvads(...) selects by", re.findall(r"(\w+)\s*=", selections), KEYS)
+    for line in _MARKS:
+        config.addinivalue_line("markers", line)
 
 
 def run_name(nodeid: str, cell: Cell | RecordedCell) -> str:
@@ -161,10 +180,9 @@ class Known:
         for argument, text in (("name", name), ("reason", reason)):
             if not isinstance(text, str):
                 raise ScenarioError(f"{argument} of @rvads.known must be a text in quotes, got {text!r}")
+        refuse_unknown("@rvads.known selects by", where, KEYS)
         values = {}
         for key, value in where.items():
-            if key not in KEYS:
-                raise ScenarioError(f"@rvads.known selects by {', '.join(KEYS)}, got {key!r}{suggest(key, KEYS)}")
             values[key] = several(key, (value,) if value is None else value, (str, Integral), "words or numbers") or ()
         return cls(place, name, reason, values)
 

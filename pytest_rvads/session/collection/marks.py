@@ -2,52 +2,39 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable, Mapping, Sequence
+import inspect
+from collections.abc import Callable, Iterable
 from os import PathLike
-from typing import TYPE_CHECKING, Any, Never
+from typing import TYPE_CHECKING, Any, Concatenate, Never, ParamSpec
 
 import pytest
 
-from pytest_rvads.session.collection.cells import KEYS, Known
+from pytest_rvads.session.collection.ask import Ask
+from pytest_rvads.session.collection.cells import Known
 from pytest_rvads.session.collection.misuse import caller, told_at
-from pytest_rvads.support.errors import ScenarioError, suggest
+from pytest_rvads.session.collection.recordings import Recordings
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from pytest_rvads.drivers.interface import Factory
     from pytest_rvads.logic.rules.rule import Rule
-    from pytest_rvads.scenarios.pedestrians import Pedestrian
-    from pytest_rvads.scenarios.senses import Senses
+
+P = ParamSpec("P")
 
 
-def scenario(  # noqa: PLR0913 - keywords, each an axis of its own
-    junction: str | Iterable[str] | None = None,
-    *,
-    map: str | None = None,
-    junctions: Mapping[str, Any] | None = None,
-    limit: int | None = None,
-    classes: int | Iterable[int] | None = None,
-    scenarios: str | Iterable[str] | None = None,
-    cover: str | None = None,
-    occupancy: str = "arms",
-    followers: int | Iterable[int] | None = None,
-    grid: str | Iterable[str] | None = None,
-    distances: float | Sequence[Any] | NDArray[Any] | None = None,
-    speeds: float | Sequence[Any] | NDArray[Any] | None = None,
-    probe: bool = False,
-    rules: str | Rule | Iterable[str | Rule] | None = None,
-    subject: int | str | None = None,
-    traffic: str | Factory | Iterable[str | Factory] | None = None,
-    pedestrians: str | Pedestrian | Mapping[str, Any] | Iterable[str | Pedestrian | Mapping[str, Any]] | None = None,
-    senses: Senses | Iterable[Senses] | Mapping[str, Any] | None = None,
-    duration: float | None = None,
-    aggression: int = 1,
-    wait: float = 1.5,
-    requirement: str | Iterable[str] | None = None,
-    **misspelt: Never,
-) -> pytest.MarkDecorator:
+def _parameters_of(
+    ask: Callable[Concatenate[str, P], Ask],
+) -> Callable[[Callable[..., pytest.MarkDecorator]], Callable[P, pytest.MarkDecorator]]:
+    """Give a mark the parameters of `ask` without the place, for type checkers and for `inspect.signature`."""
+
+    def decorate(mark: Callable[..., pytest.MarkDecorator]) -> Callable[P, pytest.MarkDecorator]:
+        _, *parameters = inspect.signature(ask).parameters.values()
+        mark.__signature__ = inspect.signature(mark).replace(parameters=parameters)  # type: ignore[attr-defined]
+        return mark
+
+    return decorate
+
+
+@_parameters_of(Ask)
+def scenario(junction: Any = None, **arguments: Any) -> pytest.MarkDecorator:
     """Run a test over the scenarios of a junction, or of several junctions.
 
     If several junctions are selected, junctions that can't be used or that do not fit the other arguments are left out. The
@@ -105,42 +92,13 @@ def scenario(  # noqa: PLR0913 - keywords, each an axis of its own
         aggression: braking level 1, 2 or 3.
         wait: waiting time that autopilots with a random waiting time use [s].
         requirement: identifier of the requirement that the scenario traces to, or several; see `--rvads-report=FILE.csv`.
-        misspelt: any other keyword, which is refused.
 
     Raises:
         ScenarioError: an argument is wrong; pytest shows the message with the line of the mark and without a traceback.
     """
     place = caller()
-    from pytest_rvads.session.collection.ask import (
-        Ask,  # imports rules, maps and drivers, which a session without marks does not need
-    )
-
-    arguments = {
-        "junction": junction,
-        "map": map,
-        "junctions": junctions,
-        "limit": limit,
-        "classes": classes,
-        "scenarios": scenarios,
-        "cover": cover,
-        "occupancy": occupancy,
-        "followers": followers,
-        "grid": grid,
-        "distances": distances,
-        "speeds": speeds,
-        "probe": probe,
-        "rules": rules,
-        "subject": subject,
-        "traffic": traffic,
-        "pedestrians": pedestrians,
-        "senses": senses,
-        "duration": duration,
-        "aggression": aggression,
-        "wait": wait,
-        "requirement": requirement,
-    }
     with told_at(place):
-        mark: pytest.MarkDecorator = pytest.mark.rvads_scenario(Ask.of(place, arguments, misspelt))
+        mark: pytest.MarkDecorator = pytest.mark.rvads_scenario(Ask.of(place, {"junction": junction, **arguments}))
     return mark
 
 
@@ -173,10 +131,6 @@ def recorded(
         ...     monitor.check(rule)
     """
     place = caller()
-    from pytest_rvads.session.collection.recordings import (
-        Recordings,  # imports rules, which a session without marks does not need
-    )
-
     with told_at(place):
         mark: pytest.MarkDecorator = pytest.mark.rvads_recorded(Recordings.of(place, patterns, rules, requirement, misspelt))
     return mark
@@ -198,18 +152,3 @@ def known(name: str, *, reason: str = "", **where: str | int | Iterable[str | in
     with told_at(place):
         mark: pytest.MarkDecorator = pytest.mark.rvads_known(Known.of(place, name, reason, where))
     return mark
-
-
-def register_marks(config: pytest.Config) -> None:
-    """Register the marks of the plugin with pytest."""
-    unquoted = re.sub(r"""'[^']*'|"[^"]*\"""", "", config.option.markexpr)
-    for key in re.findall(r"(\w+)\s*=", " ".join(re.findall(r"\brvads\s*\(([^)]*)", unquoted))):
-        if key not in KEYS:
-            raise ScenarioError(f"-m rvads(...) selects by {', '.join(KEYS)}, got {key!r}{suggest(key, KEYS)}")
-    for line in (
-        "rvads_scenario(junction, ...): run over scenarios; written as @rvads.scenario",
-        "rvads_recorded(pattern, ...): run over recorded runs; written as @rvads.recorded",
-        "rvads_known(name, ...): cells of a known deficiency; written as @rvads.known",
-        f"rvads({', '.join(KEYS)}): on every item, to select by -m \"rvads(cls=7, rule='p1')\"",
-    ):
-        config.addinivalue_line("markers", line)

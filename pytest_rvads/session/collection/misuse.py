@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from pytest_rvads.support.errors import RvadsError, ScenarioError
+from pytest_rvads.support.errors import RvadsError, ScenarioError, suggest
 
 
 class Misuse(ScenarioError, pytest.Collector.CollectError):
@@ -35,6 +35,13 @@ def told_at(place: str) -> Iterator[None]:
         yield
     except RvadsError as error:
         raise Misuse(f"{place}: {error}") from None
+
+
+def refuse_unknown(what: str, given: Iterable[str], known: Iterable[str]) -> None:
+    """Raise a `ScenarioError` for a given keyword that is not known; `what` are the first words of the message."""
+    for keyword in given:
+        if keyword not in known:
+            raise ScenarioError(f"{what} {', '.join(known)}, got {keyword!r}{suggest(keyword, known)}")
 
 
 def several(name: str, value: Any, kind: type | tuple[type, ...], what: str) -> tuple[Any, ...] | None:

@@ -17,18 +17,18 @@ from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.readers import READERS, files_of, matching, read_runs
 from pytest_rvads.runs.recording import Recording
 from pytest_rvads.runs.runfile import glance
-from pytest_rvads.session.collection.ask import judged_at
+from pytest_rvads.session.collection.ask import judged_at, one_or_several
 from pytest_rvads.session.collection.cells import RecordedCell
-from pytest_rvads.session.collection.misuse import several
-from pytest_rvads.support.errors import RvadsError, ScenarioError, suggest
+from pytest_rvads.session.collection.misuse import refuse_unknown
+from pytest_rvads.support.errors import RvadsError, ScenarioError
 from pytest_rvads.support.wording import one_line
 
 if TYPE_CHECKING:
     from pytest_rvads.geometry.junction import Junction
+    from pytest_rvads.logic.rules.rule import Rule
     from pytest_rvads.runs.run import Run
 
 _UNKNOWN = "unknown"
@@ -72,11 +72,7 @@ class Recordings:
     @classmethod
     def of(cls, place: str, patterns: Sequence[Any], rules: Any, requirement: Any, misspelt: Iterable[str]) -> Recordings:
         """Check the arguments of a mark as far as possible without access to files."""
-        keywords = ("rules", "requirement")
-        for keyword in misspelt:
-            raise ScenarioError(
-                f"@rvads.recorded takes patterns, {', '.join(keywords)}, got {keyword!r}{suggest(keyword, keywords)}"
-            )
+        refuse_unknown("@rvads.recorded takes patterns,", misspelt, ("rules", "requirement"))
         if not patterns:
             raise ScenarioError("@rvads.recorded needs files to judge: give it one or several, such as 'drives/*.npz'")
         for pattern in patterns:
@@ -87,8 +83,8 @@ class Recordings:
         return cls(
             place=place,
             patterns=tuple(str(os.fspath(pattern)) for pattern in patterns),
-            rules=several("rules", rules, (str, Rule), "rules or names of rules or rulebooks"),
-            requirement=several("requirement", requirement, str, "identifiers of requirements") or (),
+            rules=one_or_several("rules", rules),
+            requirement=one_or_several("requirement", requirement) or (),
         )
 
     def files(self, folder: Path) -> dict[Path, str]:
