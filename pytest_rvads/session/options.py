@@ -31,27 +31,25 @@ Raises an `RvadsError` for a text that is no value of the option.
 
 @dataclass(frozen=True, slots=True)
 class _Option:
-    """The declaration of an option: default, help, and the function that reads its text."""
+    """The declaration of an option: help, the function that reads its text, and default."""
 
     help: str
+    """The text of ``pytest --rvads-help``; ``pytest --help`` shows the text up to the first semicolon, of everyday options."""
     parse: _Parse
-    default: str
-    metavar: str
-    choices: tuple[str, ...] | None
+    default: str = ""
+    metavar: str = ""
+    """The value in help texts; without it the last word of the option's name."""
+    choices: tuple[str, ...] | None = None
     several: bool = False
     """Whether the flag can be given several times; the ini setting of such an option has one value per line."""
+    everyday: bool = False
+    again: bool = False
+    """Whether commands that run an item once more repeat the flag."""
 
 
-def _option(
-    help: str,
-    parse: _Parse,
-    default: str = "",
-    metavar: str = "",
-    choices: tuple[str, ...] | None = None,
-    several: bool = False,
-) -> Any:
-    """Return a dataclass field of `Options`; without `metavar`, the help shows the last word of the option's name."""
-    return field(metadata={"option": _Option(help, parse, default, metavar, choices, several)})
+def _option(help: str, parse: _Parse, default: str = "", metavar: str = "", **more: Any) -> Any:
+    """Return a dataclass field of `Options`, with the arguments of `_Option`."""
+    return field(metadata={"option": _Option(help, parse, default, metavar, **more)})
 
 
 def _text(_config: pytest.Config, _name: str, text: str) -> str | None:
@@ -162,24 +160,33 @@ class Options:
     The command has the session's flags for driver, map, simulator, rules and selection of items.
     """
     sut: tuple[str, ...] | None = _option(
-        "system under test: the command of a stack in another process, see 'Attach your stack' in the documentation; in a folder "
-        "without tests, the tests of the plugin run",
+        "command of the stack that drives, in another process; see 'Attach your stack' in the documentation; in a folder without "
+        "tests, the tests of the plugin run",
         _command,
         metavar="COMMAND",
+        everyday=True,
+        again=True,
     )
     autopilot: str | None = _option(
-        "system under test: 'reference' for the bundled autopilot, which obeys the rulebook road, another traffic policy, or "
-        "module:name of your class; replaces the fixture rvads_autopilot",
+        "controller that drives: module:name of your class, reference, or another traffic policy; reference is the bundled "
+        "autopilot, which obeys the rulebook road; replaces the fixture rvads_autopilot",
         _text,
         metavar="NAME",
+        everyday=True,
+        again=True,
     )
     simulator: str | None = _option(
-        "simulator: bullet, mujoco, sumo, or module:name of your simulator; by default bullet, or mujoco if pybullet is missing",
+        "simulator: bullet, mujoco, sumo, or module:name of yours; by default bullet, or mujoco if pybullet is missing",
         _text,
         metavar="NAME",
+        everyday=True,
+        again=True,
     )
     sut_rate: float | None = _option(
-        "decisions of the stack per simulated second; by default the rate that the stack requests, else 20", _rate, metavar="HZ"
+        "decisions of the stack per simulated second; by default the rate that the stack requests, else 20",
+        _rate,
+        metavar="HZ",
+        again=True,
     )
     sut_timeout: float = _option(
         "longest real time for one decision of the stack; three times as long, at least 15 s, for its start and for its "
@@ -201,37 +208,50 @@ class Options:
         "roads without a speed limit",
         _speed,
         metavar="SPEED",
+        again=True,
     )
-    map: str | None = _option("map file for junctions that are not built in (also the variable RVADS_MAP)", _map)
+    map: str | None = _option(
+        "map file for junctions that are not built in; also the variable RVADS_MAP", _map, everyday=True, again=True
+    )
     cover: str = _option(
         "scenarios to run of every class, or of a junction, for tests without cover=",
         _text,
         "class",
         choices=("class", "scenario", "rotation", "partial", "pairs", "conflicts"),
+        again=True,
     )
     grid: str | None = _option(
         "configurations for tests without grid=: 'paper', letters such as CD, 'arrivals', 'staggered', S21 or the name of your "
         "grid; by default paper, and arrivals for tests with a subject",
         _text,
+        again=True,
     )
-    max_items: int = _option("refuse a test that would expand to more items than this", _count, "10000")
+    max_items: int = _option("refuse a test that would expand to more items than this", _count, "10000", again=True)
     sample: int | None = _option(
-        "run only N runs of every test over scenarios, drawn as evenly as possible over its junctions, their classes and their "
-        "configurations",
+        "run only N runs of every test over scenarios; these are drawn as evenly as possible over its junctions, their classes "
+        "and their configurations",
         _count,
         metavar="N",
+        everyday=True,
+        again=True,
     )
-    seed: int = _option("seed of the samples of --rvads-sample and of limit= in marks", partial(_count, least=0), "0", "S")
+    seed: int = _option(
+        "seed of the samples of --rvads-sample and of limit= in marks", partial(_count, least=0), "0", "S", again=True
+    )
     rules: Path | None = _option(
-        "file with your rules, see `rvads rules FILE`", lambda config, _, text: config.rootpath / text if text else None
+        "file with your rules; see `rvads rules FILE`",
+        lambda config, _, text: config.rootpath / text if text else None,
+        everyday=True,
+        again=True,
     )
     keep: Path | None = _option("folder in which every run is saved, as .npz for `rvads check`", _path_from_start)
     report: tuple[Path, ...] = _option(
-        "also write the verdicts to FILE.json, FILE.html, FILE.md, FILE.csv (by requirement), or in a format "
-        "of another package; repeatable",
+        "also write the verdicts to FILE.json, FILE.html, FILE.md, FILE.csv (by requirement), or in a format of another package; "
+        "repeatable",
         _reports,
         metavar="FILE",
         several=True,
+        everyday=True,
     )
     cov_fail_under: float | None = _option(
         "fail when less than N percent of the (class x configuration x rule) cells that the collected tests expand to, "
@@ -249,12 +269,14 @@ class Options:
         "earlier report, FILE.json of --rvads-report; the session reports all changes since then",
         _path_from_start,
         metavar="FILE",
+        everyday=True,
     )
     fail_on: str = _option(
-        "failures that fail the session: any; new failures since the baseline; or new failures and eroded margins",
+        "failures that fail the session: any, new ones since the baseline, or these and eroded margins",
         _text,
         "any",
         choices=("any", "new", "eroded"),
+        everyday=True,
     )
     time_budget: float | None = _option(
         "after SECONDS no item starts, and the items left are NOT RUN; the last failures run first, then one run of every class, "
@@ -305,9 +327,7 @@ class Options:
             raise RvadsError(f"rvads_fail_on={texts['fail_on']} needs something to compare with: add --rvads-baseline=FILE.json")
         values = {name: option.parse(config, _ini_name(name), texts.get(name, "")) for name, option in _DECLARED.items()}
         # The next session reads the same ini file, so the command repeats flags only.
-        of_runs = ("sut", "sut_rate", "autopilot", "simulator", "speed_limit", "map", "rules")
-        repeated = (*of_runs, "cover", "grid", "max_items", "sample", "seed")
-        flags = ((name, config.getoption(_ini_name(name))) for name in repeated)
+        flags = ((name, config.getoption(_ini_name(name))) for name, option in _DECLARED.items() if option.again)
         again = shlex.join(["pytest", *(f"{_flag(name)}={value}" for name, value in flags if value)])
         return cls(again, **values)
 
@@ -315,20 +335,6 @@ class Options:
 OPTIONS: pytest.StashKey[Options] = pytest.StashKey()
 """Key in the stash of pytest's configuration under which the options of the session are stored."""
 _DECLARED: dict[str, _Option] = {item.name: item.metadata["option"] for item in fields(Options) if item.metadata}
-
-
-_EVERYDAY = {
-    "sut": "command of the stack that drives, in another process",
-    "autopilot": "controller that drives: module:Class, reference, or another traffic policy",
-    "simulator": "bullet, mujoco, sumo, or module:name",
-    "map": "map file for junctions that are not built in",
-    "rules": "file with your rules",
-    "sample": "run only N runs of every test",
-    "report": "also write the verdicts to FILE.html, FILE.json, FILE.md or FILE.csv",
-    "baseline": "earlier FILE.json: report what changed since then",
-    "fail_on": "failures that fail the session",
-}
-"""The options that ``pytest --help`` shows, with short texts; ``pytest --rvads-help`` shows all options and their whole help."""
 _HELP = "--rvads-help"
 
 
@@ -337,7 +343,9 @@ def declare(parser: pytest.Parser) -> None:
     group = parser.getgroup("rvads", f"traffic-rule validation (pytest-rvads; documentation: {page()})")
     for name, option in _DECLARED.items():
         ini, keywords = _ini_name(name), _keywords(name, option)
-        group.addoption(_flag(name), **keywords | {"help": _EVERYDAY.get(name, argparse.SUPPRESS)})
+        group.addoption(
+            _flag(name), **keywords | {"help": option.help.partition(";")[0] if option.everyday else argparse.SUPPRESS}
+        )
         if option.several:
             parser.addini(ini, help=f"see {_HELP}", type="linelist", default=[])
         else:
