@@ -19,7 +19,7 @@ from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.columns import Block as Part
 from pytest_rvads.report.columns import Cell, Column, blocks, wrapped
 from pytest_rvads.report.matrix import Matrix
-from pytest_rvads.report.outline import FAILURES, Block, Causes, Changes, Figures, Head, RollUp, Verdicts, outline
+from pytest_rvads.report.outline import Block, Causes, Changes, Figures, Head, RollUp, Verdicts, outline
 from pytest_rvads.report.rollup import WORST, Sums
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.support.wording import plural, printable
@@ -57,8 +57,6 @@ class Summary:
     """The first part: totals, changes, tables and figures."""
     causes: str
     """The second part: causes of failures, and causes of items that did not fail."""
-    examples: tuple[str, ...]
-    """Node id of the first item of each cause of failures, also of causes that the text only counts."""
     last: str
     """The last line on the terminal; empty without such a line."""
 
@@ -84,7 +82,6 @@ def summarise(report: Report, *, colour: bool, width: int, unicode: bool, full: 
     verdicts, causes = (_Screen(colour, max(width, _NARROWEST), unicode, full, more) for _ in range(2))
     tables: list[RollUp | Verdicts] = []
     later_blocks: list[Block] = []
-    examples: list[str] = []
     for block in outline(report, short=not full, tables=full):
         match block:
             case Head():
@@ -96,7 +93,6 @@ def summarise(report: Report, *, colour: bool, width: int, unicode: bool, full: 
             case Causes(settled=False):
                 causes.lines([""] if causes.text() else [])
                 causes.causes(block)
-                examples += [cause.example for cause in block.causes if block.title == FAILURES]
             case _:
                 later_blocks.append(block)
     if _RELATIVE.search(causes.text()):
@@ -109,7 +105,7 @@ def summarise(report: Report, *, colour: bool, width: int, unicode: bool, full: 
                 verdicts.lines([""])
             case Figures(last=last):
                 verdicts.lines(line for line in block.plain() if line != last)
-    return Summary(verdicts.text(), causes.text(), tuple(examples), last)
+    return Summary(verdicts.text(), causes.text(), last)
 
 
 class _Table:
