@@ -214,7 +214,7 @@ class Session:
             unfit=plan.unfit,
             extents=plan.extents,
             again=self.options.again,
-            refused=plan.refused,
+            refused={reason: tuple(names) for reason, names in plan.refused.items()},
             drawn=tuple(plan.drawn),
             seconds=self._by_run(),
             began=self.began,

@@ -3,7 +3,7 @@
 Coverage is a share of the planned cells. The plan has a record of every selected item, also of items that will not run. Under
 xdist a worker sends the plan to the main process with its first report.
 
-What the collection of tests leaves out is noted in the stash of pytest's configuration, under the keys of this module.
+The collection of tests notes in the plan what it leaves out.
 """
 
 from __future__ import annotations
@@ -24,16 +24,6 @@ if TYPE_CHECKING:
 
 _WIRE = "rvads_plan"
 """Attribute of a worker's first report, or key of its output, that carries the plan to the main process."""
-LEFT_OUT: pytest.StashKey[dict[str, int]] = pytest.StashKey()
-"""By node id of a test, the number of points of its grid that were left out: too fast to stop, beyond v(d)max."""
-UNFIT: pytest.StashKey[dict[str, int]] = pytest.StashKey()
-"""By node id of a test, the number of scenarios that were left out, because a vehicle has no room at its start."""
-REFUSED: pytest.StashKey[dict[str, dict[str, None]]] = pytest.StashKey()
-"""By reason for leaving junctions out, or for running other starts than requested, the names of the junctions."""
-DRAWN: pytest.StashKey[dict[Drawn, None]] = pytest.StashKey()
-"""Tests that run only a sample of their runs, with the size of the sample."""
-EXTENTS: pytest.StashKey[dict[str, Extent]] = pytest.StashKey()
-"""By junction, its numbers of classes and pairs, if the number of arms does not determine these numbers."""
 
 
 @dataclass(slots=True)
@@ -50,10 +40,15 @@ class Plan:
     files: set[str] = field(default_factory=set)
     """Every file from which pytest collected an item, of this plugin or not."""
     left_out: dict[str, int] = field(default_factory=dict)
+    """By node id of a test, the number of points of its grid that were left out: too fast to stop, beyond v(d)max."""
     unfit: dict[str, int] = field(default_factory=dict)
+    """By node id of a test, the number of scenarios that were left out, because a vehicle has no room at its start."""
     extents: dict[str, Extent] = field(default_factory=dict)
-    refused: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    """By junction, its numbers of classes and pairs, if the number of arms does not determine these numbers."""
+    refused: dict[str, dict[str, None]] = field(default_factory=dict)
+    """By reason for leaving junctions out, or for running other starts than requested, the names of the junctions."""
     drawn: dict[Drawn, None] = field(default_factory=dict)
+    """Tests that run only a sample of their runs, with the size of the sample."""
 
     def pack(self) -> str:
         """Return the plan as one string of JSON."""
@@ -74,7 +69,7 @@ class Plan:
             from pytest_rvads.report.record import received
             from pytest_rvads.report.session_report import Drawn, Extent
 
-            self.refused |= convert(refused, dict[str, tuple[str, ...]])
+            self.refused |= convert(refused, dict[str, dict[str, None]])
             self.drawn |= dict.fromkeys(convert(drawn, list[Drawn]))
             self.extents |= convert(extents, dict[str, Extent])
             self.cells |= {(*cell,): None for cell in cells}
@@ -84,6 +79,9 @@ class Plan:
         self.files |= set(files)
         self.left_out |= left_out
         self.unfit |= unfit
+
+
+PLAN: pytest.StashKey[Plan] = pytest.StashKey()
 
 
 def in_part(config: pytest.Config) -> bool:
@@ -114,7 +112,7 @@ class Planner:
     """Makes the plan in every process that collects tests, and sends the plan from an xdist worker to the main process."""
 
     def __init__(self, config: pytest.Config) -> None:
-        self._plan = Plan()
+        self._plan = config.stash[PLAN] = Plan()
         self._config = config
         self._collected: list[pytest.Item] = []
         self._selected: list[pytest.Item] = []
@@ -136,17 +134,6 @@ class Planner:
         self._plan.deselected |= deselected
         self._plan.vanished |= {nodeid: starts[nodeid] for nodeid in starts if nodeid in deselected - self._deselected}
         self._plan.files |= {_file(item.nodeid) for item in self._collected}
-        stash = self._config.stash
-        left_out: dict[str, int] = stash.setdefault(LEFT_OUT, {})
-        unfit: dict[str, int] = stash.setdefault(UNFIT, {})
-        extents: dict[str, Extent] = stash.setdefault(EXTENTS, {})
-        self._plan.left_out |= left_out
-        self._plan.unfit |= unfit
-        self._plan.extents |= extents
-        refused: dict[str, dict[str, None]] = stash.setdefault(REFUSED, {})
-        drawn: dict[Drawn, None] = stash.setdefault(DRAWN, {})
-        self._plan.refused |= {reason: tuple(names) for reason, names in refused.items()}
-        self._plan.drawn |= drawn
         self._collected, self._selected = [], []
         return self._plan
 

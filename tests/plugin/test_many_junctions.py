@@ -241,7 +241,7 @@ def test_workers_send_what_did_not_run() -> None:
     """See `Plan.pack`."""
     sent, received = Plan(), Plan()
     sent.cells[("town.20", 7, "C", "p1", None, None)] = None
-    sent.refused = {"it has 2 arms": ("town.1", "town.2")}
+    sent.refused = {"it has 2 arms": dict.fromkeys(("town.1", "town.2"))}
     sent.drawn = {Drawn("test_it.py::test_it", "runs", 4, 5, 1): None}
     for _ in range(2):  # every worker sends it
         received.unpack(sent.pack())

@@ -23,11 +23,10 @@ import pytest
 from pytest_rvads.session.collection.cells import Cell, Known, PlannedRun, RecordedCell, Resolved, Runs
 from pytest_rvads.session.collection.extensions import extensions
 from pytest_rvads.session.collection.misuse import told_at
-from pytest_rvads.session.plan import DRAWN, EXTENTS, LEFT_OUT, REFUSED, UNFIT
+from pytest_rvads.session.plan import PLAN, Plan
 from pytest_rvads.support.errors import OpenObligation, RuleViolation, ScenarioError
 
 if TYPE_CHECKING:
-    from pytest_rvads.report.session_report import Extent
     from pytest_rvads.session.collection.ask import Ask
     from pytest_rvads.session.collection.extensions import Extensions
     from pytest_rvads.session.collection.recordings import OpenFiles
@@ -201,7 +200,7 @@ def _note_known(
     If only a sample of the items runs, no deficiency is refused, because the sample can lack the failing items.
     """
     noted = metafunc.config.stash.setdefault(_KNOWN, {})
-    sampled = any(drawn.test == metafunc.definition.nodeid for drawn in metafunc.config.stash.get(DRAWN, {}))
+    sampled = any(drawn.test == metafunc.definition.nodeid for drawn in metafunc.config.stash[PLAN].drawn)
     for node, deficiency in known:
         used = sampled or any(map(deficiency.matches, cells))
         if not used and node is metafunc.definition:
@@ -224,31 +223,29 @@ def _params(cells: Iterable[Cell | RecordedCell], known: Sequence[Known], more: 
 
 def _resolve(ask: Ask, test: pytest.Function, options: Options, added: Extensions, takes_rule: bool) -> tuple[Resolved, ...]:
     """Return the runs and rules that one mark of a test selects at each junction, and note left-out junctions and starts."""
-    stash = test.config.stash
+    plan = test.config.stash[PLAN]
     watch = partial(_watched, test.config, "v(d)max of point", least=_POINTS)
     selected = ask.resolve(test.path.parent, options, added, watch, takes_rule)
     if options.sample is None:
         _refuse_many(selected.resolved, options)
     from pytest_rvads.scenarios.selection import TOO_SHORT, TOO_TIGHT, extended
 
-    extents_by_junction: dict[str, Extent] = stash.setdefault(EXTENTS, {})
     for resolved in selected.resolved:
-        _note_left_out(stash, LEFT_OUT, test.nodeid, resolved.selection.left_out)
-        extents_by_junction = extended(extents_by_junction, resolved.selection)
-    stash[EXTENTS] = extents_by_junction
+        _note_left_out(plan.left_out, test.nodeid, resolved.selection.left_out)
+        plan.extents = extended(plan.extents, resolved.selection)
     bends = [(name, TOO_TIGHT) for resolved in selected.resolved for name in resolved.selection.too_tight]
     too_short = [(resolved.selection.place.name, TOO_SHORT) for resolved in selected.resolved if resolved.selection.too_short]
     for name, reason in (*selected.left_out, *bends, *too_short):
-        stash.setdefault(REFUSED, {}).setdefault(reason, {})[name] = None
+        plan.refused.setdefault(reason, {})[name] = None
     if selected.passed_over:
         count = len(selected.resolved)
-        _note_sample(stash, test.nodeid, "junctions", count, count + selected.passed_over, options.seed)
+        _note_sample(plan, test.nodeid, "junctions", count, count + selected.passed_over, options.seed)
     return selected.resolved
 
 
 def _planned_runs(resolved: Sequence[Resolved], test: pytest.Function, options: Options) -> Iterator[PlannedRun]:
     """Yield the runs of a test, or a sample of these runs, and note how many runs and scenarios are left out."""
-    stash = test.config.stash
+    plan = test.config.stash[PLAN]
     most = sum(at_junction.runs for at_junction in resolved) if options.sample else 0
     watch = partial(_watched, test.config, f"runs of {test.originalname} to draw from", least=_RUNS, most=most)
     runs = Runs(resolved, test.nodeid, watch)
@@ -264,11 +261,11 @@ def _planned_runs(resolved: Sequence[Resolved], test: pytest.Function, options: 
                     "raise --rvads-max-items"
                 )
         if len(drawn) < runs.total:
-            _note_sample(stash, test.nodeid, "runs", len(drawn), runs.total, options.seed)
+            _note_sample(plan, test.nodeid, "runs", len(drawn), runs.total, options.seed)
         yield from drawn
-    _note_left_out(stash, UNFIT, test.nodeid, runs.unfit)
+    _note_left_out(plan.unfit, test.nodeid, runs.unfit)
     if runs.crossed:
-        stash.setdefault(REFUSED, {}).setdefault(_CROSSED, {})[f"{runs.crossed} of {test.nodeid}"] = None
+        plan.refused.setdefault(_CROSSED, {})[f"{runs.crossed} of {test.nodeid}"] = None
 
 
 def _refuse_many(marks: Sequence[Resolved], options: Options) -> None:
@@ -289,16 +286,15 @@ def _refuse_many(marks: Sequence[Resolved], options: Options) -> None:
     )
 
 
-def _note_left_out(stash: pytest.Stash, key: pytest.StashKey[dict[str, int]], test: str, count: int) -> None:
+def _note_left_out(left_out: dict[str, int], test: str, count: int) -> None:
     if count:
-        dropped = stash.setdefault(key, {})
-        dropped[test] = dropped.get(test, 0) + count
+        left_out[test] = left_out.get(test, 0) + count
 
 
-def _note_sample(stash: pytest.Stash, test: str, what: str, taken: int, total: int, seed: int) -> None:
+def _note_sample(plan: Plan, test: str, what: str, taken: int, total: int, seed: int) -> None:
     from pytest_rvads.report.session_report import Drawn
 
-    stash.setdefault(DRAWN, {})[Drawn(test, what, taken, total, seed)] = None
+    plan.drawn[Drawn(test, what, taken, total, seed)] = None
 
 
 def _watched(config: pytest.Config, what: str, things: Iterable[T], least: int, most: int = 0) -> Iterator[T]:
