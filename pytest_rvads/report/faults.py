@@ -16,12 +16,6 @@ _VARIES = re.compile(r"0x[0-9a-fA-F]+|\d+([.,]\d+)*(e[+-]?\d+)?")
 """Matches the parts in which messages of one fault differ: vehicle numbers, times, line numbers, memory addresses."""
 
 
-def explains(record: Record) -> bool:
-    """Return whether the violation in a record can be the cause of other failures of the same run."""
-    verdict = verdict_of(record)
-    return verdict is not None and bool(record.hash) and not verdict.unavoidable
-
-
 def verdict_of(record: Record) -> Verdict | None:
     """Return the verdict from which a record has its status; None if the status comes from an error or an exception."""
     status = record.status

@@ -13,46 +13,15 @@ A cause names the variants of its tests (the values of their other parameters) i
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Collection, Hashable, Iterable
-from dataclasses import dataclass
+from collections import Counter, defaultdict
+from collections.abc import Callable, Hashable, Iterable, Iterator
+from dataclasses import dataclass, field
 
 from pytest_rvads.logic.judging.verdicts import Verdict
 from pytest_rvads.logic.outcome import Outcome
-from pytest_rvads.report.faults import explains, first_line, hanging, signature, time_of, verdict_of, violated
+from pytest_rvads.report.faults import first_line, hanging, signature, time_of, verdict_of, violated
 from pytest_rvads.report.record import Record, SimulatedItem
 from pytest_rvads.support.wording import first, natural, plural
-
-Variant = tuple[str, str]
-"""A test and its variant; both are empty for a record without a variant."""
-
-
-class Variants:
-    """Collects the variants of tests (values of their other parameters), and selects the variants that a cause names."""
-
-    def __init__(self) -> None:
-        self._variants: dict[str, set[str]] = {}
-        """All variants of each test."""
-
-    def add(self, record: Record) -> None:
-        """Add the variant of a record."""
-        if record.variant:
-            test, variant = variant_of(record)
-            self._variants.setdefault(test, set()).add(variant)
-
-    def only(self, places: Collection[Variant]) -> tuple[str, ...]:
-        """Return the given variants in order; empty if these are all variants of their tests, or a test has no variants."""
-        tests, chosen = {test for test, _ in places}, {variant for _, variant in places}
-        if "" in chosen or chosen >= set().union(*(self._variants.get(test, ()) for test in tests)):
-            return ()
-        return tuple(sorted(chosen, key=natural))
-
-
-def variant_of(record: Record) -> Variant:
-    """Return the test of a record (file and function) and its variant (values of the test's other parameters)."""
-    # All records without a variant have the same result, because a campaign would have a million different results.
-    return (record.nodeid.partition("[")[0], record.variant) if record.variant else ("", "")
-
 
 _RULES = 3
 """Largest number of rules named per cause; further rules are counted."""
@@ -60,10 +29,6 @@ _VARIANTS = 5
 """Largest number of variants named per cause; further variants are counted."""
 _IDS = 1000
 """Largest number of items of a cause whose ids are kept; further items are counted."""
-_GROUPS = 1000
-"""Largest number of causes that are distinguished; all further failures form one more cause."""
-_OPEN = 10_000
-"""Largest number of failing runs that wait for further failures; above this number, the longest waiting run is grouped."""
 _SEATS = 3
 """Seats of the subject (entrances of the vehicle under test) are named in a cause that concerns at most this many seats."""
 _YIELDING = ("left_yields", "yield_sign", "priority", "right_before_left", "merge", "crosswalk", "crosswalk_turning")
@@ -106,10 +71,8 @@ class Cause:
     @property
     def rule(self) -> str:
         """The rules in a few words, the first with its title if the title differs from the name of the rule."""
-        more = len(self.rules) - _RULES
         titled = self.title and self.title.casefold() != self.rules[0].replace("_", " ").casefold()
-        names = (f"{self.rules[0]} ({self.title})" if titled else self.rules[0], *self.rules[1:_RULES])
-        return ", ".join(names) + (f" and {more} more" if more > 0 else "")
+        return first((f"{self.rules[0]} ({self.title})" if titled else self.rules[0], *self.rules[1:]), _RULES)
 
     @property
     def line(self) -> str:
@@ -121,92 +84,18 @@ class Cause:
         return f"{self.text}{where}{f', mostly {self.roles}' if self.roles else ''}{only}"
 
 
-def _seat(record: Record) -> int | None:
-    return record.seat if isinstance(record, SimulatedItem) else None
-
-
+@dataclass(slots=True)
 class _Part:
     """A failure of a run, together with the later failures of the run that this failure explains."""
 
-    def __init__(self, record: Record, signature: Hashable, text: str, verdict: Verdict | None = None) -> None:
-        self.signature, self.text = signature, text
-        self.verdict, self.time = verdict is not None, time_of(record)
-        self.open = record.status is Outcome.OPEN
-        self.grave = -1 if record.status in (Outcome.ERROR, Outcome.FLAKY) else gravity((record.asks,))
-        self.to_blame = set(verdict.responsible) if verdict is not None else set()
-        self.first_to_blame = (
-            set(verdict.instances[0].responsible) if verdict is not None and verdict.instances else self.to_blame
-        )
-        """Vehicles that are to blame for the first instance; `to_blame` has the vehicles that are to blame for any instance."""
-        self.seats = {_seat(record)} - {None}
-        self.roles = verdict.roles if verdict is not None else ""
-        self.title = verdict.title if verdict is not None else ""
-        self.example, self.rule = record.nodeid, record.asks
-        self.run, self.junction, self.places = record.ran_as, record.junction, {variant_of(record)}
-        self.rules, self.ids, self.count, self.number = {record.asks: None}, [record.nodeid], 1, 0
-
-    def join(self, other: _Part) -> None:
-        """Add a later failure of the same run that this failure explains."""
-        self.rules, self.ids, self.count = self.rules | other.rules, self.ids + other.ids, self.count + other.count
-        self.number, self.places = min(self.number, other.number), self.places | other.places
-        self.grave, self.first_to_blame, self.seats = (
-            min(self.grave, other.grave),
-            self.first_to_blame | other.first_to_blame,
-            self.seats | other.seats,
-        )
-
-
-class _Group:
-    """Collects the failures of all runs with one cause."""
-
-    def __init__(self, first: _Part) -> None:
-        self.first = first
-        self._rules: dict[str, None] = {}
-        self._ids: list[str] = []
-        self.count = 0
-        self._runs: set[str] = set()
-        self._junctions: set[str] = set()
-        self._places: set[Variant] = set()
-        self._seats: set[int | None] = set()
-        self.grave = first.grave
-        self._roles: Counter[str] = Counter()
-
-    def take(self, part: _Part) -> None:
-        """Add a failure of a run, with the later failures that it explains."""
-        if part.number < self.first.number:
-            self.first = part
-        if part.verdict and part.run not in self._runs:
-            self._roles[part.roles] += 1
-        self._rules |= part.rules
-        self._ids += part.ids[: _IDS - len(self._ids)]
-        self.count += part.count
-        self._runs.add(part.run)
-        self._junctions.add(part.junction)
-        self._places |= part.places
-        self._seats |= part.seats
-        self.grave = min(self.grave, part.grave)
-
-    def cause(self, junctions: bool, variants: Variants, seats: set[int | None]) -> Cause:
-        """Return the cause of the collected failures."""
-        text, roles = self.first.text, self.first.roles
-        if len(self._roles) == 1 and roles:
-            text = f"{text} ({roles})"
-        most = self._roles.most_common(1)[0][0] if len(self._roles) > 1 else ""
-        rules = sorted(dict.fromkeys((self.first.rule, *self._rules)), key=lambda rule: gravity((rule,)))
-        few = sorted(seat for seat in self._seats if seat is not None and len(self._seats) <= _SEATS and self._seats < seats)
-        return Cause(
-            rules=tuple(rules),
-            text=text,
-            nodeids=tuple(self._ids),
-            count=self.count,
-            runs=len(self._runs),
-            example=self.first.example,
-            roles=most,
-            junctions=len(self._junctions) if junctions else 0,
-            title=self.first.title if rules[0] == self.first.rule else "",
-            seats=tuple(few),
-            variants=variants.only(self._places),
-        )
+    number: int
+    """Position of the first of these failures among all failures."""
+    signature: Hashable
+    text: str
+    record: Record
+    verdict: Verdict | None = None
+    """The verdict of the failure; None if the failure is grouped by a text alone."""
+    explained: list[Record] = field(default_factory=list)
 
 
 class ByText:
@@ -214,83 +103,116 @@ class ByText:
 
     def __init__(self, text: Callable[[Record], str | None]) -> None:
         self._text = text
-        self._groups: dict[Hashable, _Group] = {}
-        self._variants = Variants()
+        self._chosen: list[tuple[Record, str]] = []
+        self._variants: dict[str, set[str]] = defaultdict(set)
+        """All variants (values of the other parameters) of each test."""
         self._seats: set[int | None] = set()
-        self._number = 0
 
     def add(self, record: Record) -> None:
         """Add a record to the group of its text."""
-        self._variants.add(record)
+        test, variant = _variant(record)
+        self._variants[test].add(variant)
         self._seats.add(_seat(record))
         text = self._text(record)
         if text is not None:
-            self._take(self._with_number(_Part(record, text, text)))
+            self._chosen.append((record, text))
 
-    def _with_number(self, part: _Part) -> _Part:
-        self._number = part.number = self._number + 1
-        return part
-
-    def _take(self, part: _Part) -> None:
-        if part.signature not in self._groups and len(self._groups) >= _GROUPS:
-            part.signature, part.text = None, f"something else than the {_GROUPS:,} causes told apart"
-            part.roles = part.title = ""
-        group = self._groups.get(part.signature) or self._groups.setdefault(part.signature, _Group(part))
-        group.take(part)
+    def _parts(self) -> Iterator[_Part]:
+        for number, (record, text) in enumerate(self._chosen):
+            yield _Part(number, text, text, record)
 
     def causes(self, junctions: bool = False) -> list[Cause]:
         """Return the causes, the gravest first, then the most frequent; `junctions` asks for numbers of junctions."""
-        ranked = sorted(self._groups.values(), key=lambda group: (group.grave, -group.count, group.first.number))
-        return [group.cause(junctions, self._variants, self._seats) for group in ranked]
+        groups: dict[Hashable, list[_Part]] = {}
+        for part in self._parts():
+            groups.setdefault(part.signature, []).append(part)
+        ranked = []
+        for parts in groups.values():
+            example = min(parts, key=lambda part: part.number)
+            records = [record for part in parts for record in (part.record, *part.explained)]
+            errors = any(record.status in (Outcome.ERROR, Outcome.FLAKY) for record in records)
+            grave = -1 if errors else gravity(record.asks for record in records)
+            ranked.append(((grave, -len(records), example.number), self._cause(parts, example, records, junctions)))
+        return [cause for _, cause in sorted(ranked, key=lambda entry: entry[0])]
+
+    def _cause(self, parts: list[_Part], example: _Part, records: list[Record], junctions: bool) -> Cause:
+        """Return the cause of the failures of a group, of which `example` was the first."""
+        roles_by_run: dict[str, str | None] = {}
+        for part in parts:
+            roles_by_run.setdefault(part.record.ran_as, None if part.verdict is None else part.verdict.roles)
+        roles = Counter(run_roles for run_roles in roles_by_run.values() if run_roles is not None)
+        text, rule = example.text, example.record.asks
+        title, example_roles = ("", "") if example.verdict is None else (example.verdict.title, example.verdict.roles)
+        if len(roles) == 1 and example_roles:
+            text = f"{text} ({example_roles})"
+        rules = sorted(dict.fromkeys((rule, *(record.asks for record in records))), key=lambda name: gravity((name,)))
+        places = {_variant(record) for record in records}
+        variants = {variant for _, variant in places}
+        if "" in variants or variants >= set().union(*(self._variants[test] for test, _ in places)):
+            variants = set()
+        seats = {seat for seat in map(_seat, records) if seat is not None}
+        return Cause(
+            rules=tuple(rules),
+            text=text,
+            nodeids=tuple(record.nodeid for record in records[:_IDS]),
+            count=len(records),
+            runs=len(roles_by_run),
+            example=example.record.nodeid,
+            roles=roles.most_common(1)[0][0] if len(roles) > 1 else "",
+            junctions=len({part.record.junction for part in parts}) if junctions else 0,
+            title=title if rules[0] == rule else "",
+            seats=tuple(sorted(seats)) if len(seats) <= _SEATS and seats < self._seats else (),
+            variants=tuple(sorted(variants, key=natural)),
+        )
 
 
 class ByCause(ByText):
     """Groups the records that are `chosen` by the first violation of their run; each group is a cause."""
 
     def __init__(self, chosen: Callable[[Record], bool]) -> None:
-        super().__init__(violated)
-        self._chosen = chosen
-        self._open: dict[str, list[_Part]] = {}
-        """The failures so far, by run."""
+        super().__init__(lambda record: violated(record) if chosen(record) else None)
 
-    def add(self, record: Record) -> None:
-        """Add a record, if it is `chosen`, to the failures of its run."""
-        self._variants.add(record)
-        self._seats.add(_seat(record))
-        if not self._chosen(record):
-            return
-        part = self._with_number(_Part(record, signature(record), violated(record), verdict_of(record)))
-        if not explains(record):
-            self._take(part)
-        else:
-            self._open.setdefault(part.run, []).append(part)
-            if len(self._open) > _OPEN:
-                self._close(next(iter(self._open)))
+    def _parts(self) -> Iterator[_Part]:
+        """Yield the failures that no other failure explains.
 
-    def _close(self, run: str) -> None:
-        """Group the failures of a run: the first violation explains later failures, unless only other vehicles are to blame.
-
-        The first violation also explains every open obligation: if a crash ends a run, other vehicles still wait at their lights.
+        The first violation of a run explains later failures, unless only other vehicles are to blame. The first violation also
+        explains every open obligation: if a crash ends a run, other vehicles still wait at their lights.
         """
-        first_failures: list[_Part] = []
-        for part in sorted(self._open.pop(run), key=lambda part: part.time):
-            for earlier in first_failures:
-                independent = (
-                    part.rule in _OWN and earlier.rule in _OWN and part.to_blame and earlier.first_to_blame and not part.open
-                )
-                if not independent or part.to_blame & earlier.first_to_blame:
-                    earlier.join(part)
-                    break
+        runs: dict[str, list[tuple[_Part, Verdict]]] = defaultdict(list)
+        for number, (record, text) in enumerate(self._chosen):
+            verdict = verdict_of(record)
+            part = _Part(number, signature(record), text, record, verdict)
+            if verdict is None or not record.hash or verdict.unavoidable:  # explains no failure
+                yield part
             else:
-                first_failures.append(part)
-        for part in first_failures:
-            self._take(part)
+                runs[record.ran_as].append((part, verdict))
+        for failures in runs.values():
+            first_failures: list[tuple[_Part, set[str]]] = []
+            for part, verdict in sorted(failures, key=lambda failure: time_of(failure[0].record)):
+                # Vehicles that are to blame for any instance, and vehicles that are to blame for the first instance.
+                to_blame = set(verdict.responsible)
+                first_to_blame = set(verdict.instances[0].responsible if verdict.instances else verdict.responsible)
+                for earlier, blamed in first_failures:
+                    own = part.record.asks in _OWN and earlier.record.asks in _OWN
+                    independent = own and to_blame and blamed and part.record.status is not Outcome.OPEN
+                    if not independent or to_blame & blamed:
+                        earlier.number = min(earlier.number, part.number)
+                        earlier.explained.append(part.record)
+                        blamed |= first_to_blame
+                        break
+                else:
+                    first_failures.append((part, first_to_blame))
+            yield from (part for part, _ in first_failures)
 
-    def causes(self, junctions: bool = False) -> list[Cause]:
-        """Return the causes, the gravest first, then the most frequent; `junctions` asks for numbers of junctions."""
-        for run in list(self._open):
-            self._close(run)
-        return super().causes(junctions)
+
+def _variant(record: Record) -> tuple[str, str]:
+    """Return the test of a record (file and function) and its variant; both are empty for a record without a variant."""
+    # All records without a variant have the same result, because a campaign would have a million different results.
+    return (record.nodeid.partition("[")[0], record.variant) if record.variant else ("", "")
+
+
+def _seat(record: Record) -> int | None:
+    return record.seat if isinstance(record, SimulatedItem) else None
 
 
 def causes() -> ByCause:
