@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
-from collections.abc import Callable, Container, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, NamedTuple
 
 from pytest_rvads.logic.outcome import Outcome
@@ -30,7 +29,9 @@ _Row = tuple[str, Any]
 """A row: the variant (values of the test's other parameters), and the number of a class or the name of a recording."""
 Place = tuple[str, _Row, tuple[str, str]]
 """The place of a cell: title of the matrix, row, and column."""
-_Counts = dict[tuple[str, Outcome], int]
+_Spot = tuple[_Row, tuple[str, str]]
+"""The row and the column of a cell."""
+_Counts = Counter[tuple[str, Outcome]]
 """Number of verdicts by reason and status; the reason is empty except for a known failure."""
 
 
@@ -102,48 +103,59 @@ class Matrices:
     """Counts records in a verdict matrix per test function, junction and kind of traffic, in the order of the test items."""
 
     def __init__(self) -> None:
-        self._groups: dict[str, _Group] = {}
-        self._room = _MOST
-        """Number of cells that still fit; a number below 0 means that there are too many cells, and then no cells are kept."""
+        self._counts: dict[str, dict[_Spot, _Counts]] = defaultdict(lambda: defaultdict(Counter))
+        """By title of a matrix and by row and column, the number of verdicts."""
+        self._first: dict[str, Record] = {}
+        self._digits: dict[str, int] = {}
+        """Number of digits of the class numbers in the ids of the items, at least two."""
 
     @property
     def too_many(self) -> bool:
         """Whether the report has too many verdicts to show matrices."""
-        return self._room < 0 or len(self._groups) > _TABLES or any(group.wide for group in self._groups.values())
+        columns = (len({column for _, column in cells}) for cells in self._counts.values())
+        return self._too_large or len(self._counts) > _TABLES or max(columns, default=0) > _WIDE
+
+    @property
+    def _too_large(self) -> bool:
+        return sum(map(len, self._counts.values())) > _MOST
 
     def add(self, record: Record) -> None:
         """Count the outcome of a record."""
-        if self._room < 0:
-            return
         title, row, column = place_of(record)
-        group = self._groups.get(title) or self._groups.setdefault(title, _Group(record))
-        self._room -= group.add(record, row, column)
-        if self._room < 0:
-            self._groups.clear()
+        self._first.setdefault(title, record)
+        number = _CLASS.search(record.nodeid)
+        self._digits[title] = max(self._digits.get(title, 2), len(number[1]) if number else 2)
+        reason = f"xfail {record.known.partition(':')[0]}" if record.known else ""
+        self._counts[title][row, column][reason, record.status] += 1
 
     def matrices(self) -> list[Matrix]:
         """Return the verdict matrices; no matrices if the report has too many verdicts."""
-        return [group.matrix(title) for title, group in self._groups.items()]
+        if self._too_large:
+            return []
+        return [
+            _matrix(title, self._first[title], self._digits[title], {spot: _entry(counts) for spot, counts in cells.items()})
+            for title, cells in self._counts.items()
+        ]
 
     def after(self, earlier: Matrices, changed: Container[Place]) -> list[Matrix]:
-        """Return the matrices of this session merged with the matrices of an earlier session, in the order of this session."""
-        matrices = []
-        for title in {**self._groups, **earlier._groups}:
-            groups = [groups_by_title[title] for groups_by_title in (earlier._groups, self._groups) if title in groups_by_title]
-            matrices.append(_matrix_of_groups(title, groups, partial(self._change_entry, earlier, changed, title)))
-        return matrices
+        """Return the matrices of this session merged with the matrices of an earlier session, in the order of this session.
 
-    def _change_entry(
-        self, earlier: Matrices, changed: Container[Place], title: str, row: _Row, column: tuple[str, str]
-    ) -> Entry:
-        """Return the content of a cell for two sessions: the outcomes in both sessions, or `SAME`."""
-        was, now = (
-            groups_by_title[title].entry(row, column) if title in groups_by_title else Entry()
-            for groups_by_title in (earlier._groups, self._groups)
-        )
-        if (title, row, column) not in changed:
-            return Entry(SAME if now.text else "")
-        return Entry(f"{was.text or 'absent'} -> {now.text or 'absent'}", now.outcome, now.known)
+        A cell has the outcomes in both sessions, or `SAME`.
+        """
+        matrices = []
+        for title in {**self._counts, **earlier._counts}:
+            old, new = earlier._counts.get(title, {}), self._counts.get(title, {})
+            entries = {}
+            for row, column in {**old, **new}:
+                was, now = (_entry(cells.get((row, column), Counter())) for cells in (old, new))
+                entry = Entry(SAME if now.text else "")
+                if (title, row, column) in changed:
+                    entry = Entry(f"{was.text or 'absent'} -> {now.text or 'absent'}", now.outcome, now.known)
+                entries[row, column] = entry
+            first = earlier._first.get(title) or self._first[title]
+            digits = max(earlier._digits.get(title, 2), self._digits.get(title, 2))
+            matrices.append(_matrix(title, first, digits, entries))
+        return matrices
 
 
 def group_of(record: Record) -> str:
@@ -152,86 +164,52 @@ def group_of(record: Record) -> str:
     return f"{record.junction}{among}   {record.nodeid.partition('[')[0] if record.test else ''}".rstrip()
 
 
-class _Group:
-    """The counted verdicts of a verdict matrix, by row and column."""
-
-    def __init__(self, first: Record) -> None:
-        self.junction, self.recorded = first.junction, isinstance(first, RecordedItem)
-        self.width = 0
-        """Number of digits of the class numbers in the ids of the items, at least two."""
-        self.columns: set[tuple[str, str]] = set()
-        self.cells: dict[_Row, dict[tuple[str, str], _Counts]] = {}
-
-    @property
-    def wide(self) -> bool:
-        """Whether the matrix has more columns than anybody reads."""
-        return len(self.columns) > _WIDE
-
-    def add(self, record: Record, row: _Row, column: tuple[str, str]) -> bool:
-        """Count the outcome of a record in its cell, and return whether the record is the first record of the cell."""
-        number = _CLASS.search(record.nodeid)
-        self.width = max(self.width, len(number[1]) if number else 2)
-        columns = self.cells.setdefault(row, {})
-        new = column not in columns
-        self.columns.add(column)
-        counts = columns.setdefault(column, {})
-        kind = f"xfail {record.known.partition(':')[0]}" if record.known else "", record.status
-        counts[kind] = counts.get(kind, 0) + 1
-        return new
-
-    def entry(self, row: _Row, column: tuple[str, str]) -> Entry:
-        """Return the content of a cell: the outcome of all items, or the share of each bad outcome and of each known failure."""
-        verdict_counts = self.cells.get(row, {}).get(column, {})
-        if not verdict_counts:
-            return Entry()
-        counts: Counter[Outcome] = Counter()
-        known_counts: Counter[str] = Counter()
-        for (reason, outcome), count in verdict_counts.items():
-            if reason:
-                known_counts[reason] += count
-            else:
-                counts[outcome] += count
-        worst = min((outcome for _, outcome in verdict_counts), key=lambda outcome: outcome.severity)
-        bad = [outcome for outcome in Outcome.worst_first() if counts[outcome] and outcome.bad]
-        only_known = bool(known_counts) and not bad
-        if len(counts) + len(known_counts) == 1:
-            return Entry(next(iter(known_counts), worst.cell), worst, only_known)
-        shown = [(counts[outcome], outcome.small) for outcome in bad]
-        shown += [(known_counts[name], name) for name in sorted(known_counts)]
-        if not shown:
-            # Items that did not run come first: they could have any outcome.
-            outcomes = sorted(counts, key=lambda outcome: (outcome is not Outcome.NOT_RUN, outcome.severity))
-            shown = [(counts[outcome], outcome.cell) for outcome in outcomes]
-        rows = counts.total() + known_counts.total()
-        return Entry(", ".join(f"{count}/{rows} {name}" for count, name in shown), worst, only_known)
-
-    def matrix(self, title: str) -> Matrix:
-        """Return the verdict matrix; a matrix that is too large to be read has no rows."""
-        return _matrix_of_groups(title, (self,), self.entry)
+def _entry(verdicts: _Counts) -> Entry:
+    """Return the content of a cell: the outcome of all items, or the share of each bad outcome and of each known failure."""
+    if not verdicts:
+        return Entry()
+    counts: Counter[str] = Counter()
+    for (reason, outcome), count in verdicts.items():
+        counts[reason or outcome] += count
+    worst = min((outcome for _, outcome in verdicts), key=lambda outcome: outcome.severity)
+    outcomes = sorted({outcome for reason, outcome in verdicts if not reason}, key=lambda outcome: outcome.severity)
+    reasons = sorted({reason for reason, _ in verdicts if reason})
+    bad = [outcome for outcome in outcomes if outcome.bad]
+    only_known = bool(reasons) and not bad
+    if len(counts) == 1:
+        return Entry(reasons[0] if reasons else worst.cell, worst, only_known)
+    shown = [(counts[outcome], outcome.small) for outcome in bad] + [(counts[reason], reason) for reason in reasons]
+    if not shown:
+        # Items that did not run come first: they could have any outcome.
+        outcomes.sort(key=lambda outcome: outcome is not Outcome.NOT_RUN)
+        shown = [(counts[outcome], outcome.cell) for outcome in outcomes]
+    return Entry(", ".join(f"{count}/{counts.total()} {name}" for count, name in shown), worst, only_known)
 
 
-def _matrix_of_groups(title: str, groups: Sequence[_Group], entry: Callable[[_Row, tuple[str, str]], Entry]) -> Matrix:
-    """Return a verdict matrix of one or two sessions; variants follow each other, and equal rows of a variant are merged."""
-    columns = tuple(sorted(set().union(*(group.columns for group in groups))))
+def _matrix(title: str, first_record: Record, digits: int, entries: Mapping[_Spot, Entry]) -> Matrix:
+    """Return a verdict matrix; variants follow each other, and equal rows of a variant are merged.
+
+    A matrix that is too large to be read has no rows.
+    """
+    columns = tuple(sorted({column for _, column in entries}))
     # The natural order of names puts version 10 after version 9.
-    cells = sorted(set().union(*(group.cells for group in groups)), key=lambda row: (natural(row[0]), *row))
-    recorded, junction = groups[0].recorded, groups[0].junction
-    if len(cells) * len(columns) > _MOST:
+    rows = sorted({row for row, _ in entries}, key=lambda row: (natural(row[0]), *row))
+    recorded, junction = isinstance(first_record, RecordedItem), first_record.junction
+    if len(rows) * len(columns) > _MOST:
         what = "recordings" if recorded else "classes"
-        limit_text = f"{len(cells):,} {what} in {len(columns):,} columns are too many for a table"
+        limit_text = f"{len(rows):,} {what} in {len(columns):,} columns are too many for a table"
         return Matrix(f"{title}: {limit_text}", (), (), junction=junction)
     alike: dict[tuple[str, tuple[Entry, ...]], list[Any]] = {}
-    for row in cells:
-        alike.setdefault((row[0], tuple(entry(row, column) for column in columns)), []).append(row[1])
-    width = max(group.width for group in groups)
+    for row in rows:
+        alike.setdefault((row[0], tuple(entries.get((row, column), Entry()) for column in columns)), []).append(row[1])
     variants = tuple(variant for variant, _ in alike)
     corner = "recording" if recorded else "class"
     return Matrix(
         title,
         columns,
         tuple(
-            (_row_label(variant, first(members, _NAMED) if recorded else _spans(members, width)), entries)
-            for (variant, entries), members in alike.items()
+            (_row_label(variant, first(members, _NAMED) if recorded else _spans(members, digits)), row_entries)
+            for (variant, row_entries), members in alike.items()
         ),
         tuple(tuple(_member_label(variant, member) for member in members) for (variant, _), members in alike.items()),
         f"variant, {corner}" if any(variants) else corner,
