@@ -19,6 +19,7 @@ from typing import Any
 import pytest
 
 import pytest_rvads as rvads
+from pytest_rvads.report.draw.replay import Beside
 from pytest_rvads.report.failure_page import failure_pages
 from pytest_rvads.support.storage import write_file
 
@@ -93,7 +94,8 @@ def make(page: str, folder: Path) -> list[str]:
         lines = [line.rstrip() for line in told.splitlines()]
         wrong += [f"{failure.name}: pytest does not print {line!r}" for line in failure.printed if line not in lines]
         notes = "\n".join(line for line in lines[_head(lines) :] if not line.startswith("look "))
-        first = next(failure_pages(run, rvads.check(run, rule), rule, notes))
+        rerun = next(line.removeprefix("rerun").strip() for line in reversed(lines) if line.startswith("rerun "))
+        first = next(failure_pages(run, rvads.check(run, rule), rule, notes, Beside((("rerun", rerun),))))
         write_file(folder / f"{failure.name}.html", first.html.encode())
     return wrong
 

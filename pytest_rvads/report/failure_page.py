@@ -6,7 +6,6 @@ test item in an earlier session.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -28,11 +27,11 @@ from pytest_rvads.report.draw.replay import Beside, Track, opening, replay
 from pytest_rvads.report.draw.scene import picture
 from pytest_rvads.report.folders import run_file
 from pytest_rvads.report.record import Record, SimulatedItem
+from pytest_rvads.report.run_record import kept_run
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.runs.run import ARRAYS, Run
 from pytest_rvads.runs.runfile import load_run
 from pytest_rvads.support.errors import FormulaError, RunError
-from pytest_rvads.support.storage import slug
 
 
 def earlier_run(report: Report, beside: Path, here: Path, nodeid: str, run: Run) -> Run | None:
@@ -40,11 +39,7 @@ def earlier_run(report: Report, beside: Path, here: Path, nodeid: str, run: Run)
     record = next((record for record in report.records if record.nodeid == nodeid), None)
     if record is None or not record.hash or record.hash == run.hash:
         return None
-    names = [slug(nodeid)]
-    if record.rule:  # the name of the file is the item's id without one occurrence of the rule's name
-        occurrences = re.finditer(re.escape(f"-{record.rule}"), nodeid)
-        names = [slug(nodeid[: at.start()] + nodeid[at.end() :]) for at in occurrences]
-    paths = [folder / report.kept / f"{name}.npz" for folder in (here, beside) for name in names] if report.kept else []
+    paths = [kept_run(folder / report.kept, record) for folder in (here, beside)] if report.kept else []
     with suppress(RunError):  # the hash is malformed
         paths.append(run_file(beside, record.hash))
     for path in paths:
@@ -114,14 +109,20 @@ def failure_pages(run: Run, verdict: Verdict, rule: str | Rule, notes: str, besi
     instance that no earlier page shows. A page of recorded traffic shows the seconds around its instance, with the vehicles that
     were present in these seconds.
     """
-    beside = _completed(run, rule, notes, beside or Beside())
+    beside, tracks = beside or Beside(), list[Track]()
+    title, formula = str(rule), ""
+    with suppress(FormulaError):  # no rule has this name
+        known_rule = get_rule(rule)
+        title, formula = f"{known_rule.name}: {known_rule.title}".removesuffix(": "), known_rule.text
+        tracks = _tracks(run, known_rule)
+    beside = replace(beside, facts=_completed(run, title, formula, beside.facts))
     if run.excerpt is None:
         time, message = moment(run, verdict), verdict.message
         marked = [(time, message)] if verdict.status in _TROUBLE else []
-        yield Page(time, replay(run, message, notes, marked, _tracks(run, rule), verdict.responsible, beside=beside))
+        yield Page(time, replay(run, message, notes, marked, tracks, verdict.responsible, beside=beside))
         return
     beside = replace(beside, ghost=None, ghost_name="")
-    tracks = sorted(_tracks(run, rule), key=lambda track: track.changes[-1][1] != "violated")
+    tracks.sort(key=lambda track: track.changes[-1][1] != "violated")
     troubled = _troubled_instances(verdict)
     shown: list[tuple[int, int]] = []
     for time in dict.fromkeys([moment(run, verdict), *(time for time, _ in troubled)]):
@@ -143,25 +144,18 @@ def failure_pages(run: Run, verdict: Verdict, rule: str | Rule, notes: str, besi
         yield Page(time, replay(part, title, notes, marked or [(time, title)], lines, responsible, time, beside))
 
 
-def _completed(run: Run, rule: str | Rule, notes: str, beside: Beside) -> Beside:
-    """Return what stands beside a replay, with missing facts added from the run and the rule."""
-    origin, known_rule = run.provenance, None
-    with suppress(FormulaError):  # no rule has this name
-        known_rule = get_rule(rule)
-    reruns = re.findall(r"^rerun +(.+)$", notes, re.MULTILINE)[-1:]  # the last match is by this package
-    traffic = origin.get("traffic")
-    driver = str(origin.get("autopilot") or "")
-    defaults = {
+def _completed(run: Run, rule: str, formula: str, known_facts: tuple[tuple[str, str], ...]) -> tuple[tuple[str, str], ...]:
+    """Return the facts on a run, with missing facts added from the run and the rule; unknown facts are left out."""
+    traffic, driver = run.provenance.get("traffic"), str(run.provenance.get("autopilot") or "")
+    facts_of_run = {
         "scenario": run.label,
         "driven by": f"{driver}, {run.subject} alone; the others by {traffic}" if traffic and run.subject else driver,
-        "simulated by": str(origin.get("simulator") or ""),
-        "rule": f"{known_rule.name}: {known_rule.title}".removesuffix(": ") if known_rule else str(rule),
-        "formula": known_rule.text if known_rule else "",
-        "rerun": "".join(reruns),
+        "simulated by": str(run.provenance.get("simulator") or ""),
+        "rule": rule,
+        "formula": formula,
+        "rerun": "",
     }
-    known_facts = dict(beside.facts)
-    usual = tuple((word, known_facts.pop(word, text)) for word, text in defaults.items())
-    return replace(beside, facts=tuple((word, text) for word, text in (*usual, *known_facts.items()) if text))
+    return tuple((word, text) for word, text in (facts_of_run | dict(known_facts)).items() if text)
 
 
 def usual_rules(run: Run) -> tuple[Rule, ...]:
@@ -227,16 +221,14 @@ def timelines(run: Run, rule: str | Rule) -> tuple[Timeline, ...]:
     return tuple(result)
 
 
-def _tracks(run: Run, rule: str | Rule) -> list[Track]:
-    """Return a track (states over time) per monitor of a rule that left the state ``watching``; none if no rule has this name."""
-    try:
-        moved = [line for line in timelines(run, rule) if line.moved]
-    except FormulaError:
-        return []
+def _tracks(run: Run, rule: Rule) -> list[Track]:
+    """Return a track (states over time) per monitor of a rule that left the state ``watching``."""
     vehicles = {agent.name for agent in run.agents}
-    bound = [[value for _, value in line.binding if value in vehicles] for line in moved]
-    name = rule if isinstance(rule, str) else rule.name
-    return [Track(f"{name} {', '.join(names)}", line.changes) for names, line in zip(bound, moved, strict=True)]
+    return [
+        Track(f"{rule.name} {', '.join(value for _, value in line.binding if value in vehicles)}", line.changes)
+        for line in timelines(run, rule)
+        if line.moved
+    ]
 
 
 def _part(run: Run, begin: int, end: int) -> Run:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -12,6 +13,7 @@ from pytest_rvads.logic.judging.verdicts import Verdict
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.record import AgentRecord, Computing, Excess, Record, RecordedItem, SimulatedItem, conclude
 from pytest_rvads.runs.run import Run
+from pytest_rvads.support.storage import slug
 
 _SKIPPED = (Outcome.NA, Outcome.UNSURE, Outcome.NOT_RUN)
 
@@ -44,6 +46,14 @@ def took_part(run: Run) -> tuple[AgentRecord, ...]:
         AgentRecord(name=agent.name, kind=agent.kind.value, entrance=entrances[agent.entrance], exit=exits[agent.exit])
         for agent in run.agents
     )
+
+
+def kept_run(folder: Path, record: Record) -> Path:
+    """Return the path of the file in which `folder` keeps the run of a test item; it is named as the item without its rule."""
+    run = record.run or ""
+    end = record.nodeid.find(run) + len(run)
+    further = record.nodeid[end:].replace(f"-{record.rule}", "", 1) if record.rule else record.nodeid[end:]
+    return folder / f"{slug(record.nodeid[:end] + further)}.npz"
 
 
 def measured(run: Run) -> dict[str, Any]:

@@ -40,15 +40,15 @@ def data(page: str) -> dict[str, Any]:
     return found
 
 
-def page(run: Run, rule: str | Rule = "full_stop", notes: str = "", beside: Beside | None = None) -> dict[str, Any]:
-    return data(next(failure_pages(run, check(run, "full_stop"), rule, notes, beside)).html)
+def page(run: Run, rule: str | Rule = "full_stop", beside: Beside | None = None) -> dict[str, Any]:
+    return data(next(failure_pages(run, check(run, "full_stop"), rule, "", beside)).html)
 
 
-def test_a_page_tells_what_run_rule_and_notes_say_of_themselves() -> None:
+def test_a_page_tells_what_run_and_rule_say_of_themselves() -> None:
     told = {"autopilot": "mine.Pilot", "traffic": "reference", "simulator": "bullet"}
     run = driven(provenance=told, facts=Facts(subject="a0", speed_limit=11.176))
     rule = get_rule("full_stop")
-    assert page(run, notes="block\nrerun     of a title\nrerun     pytest 'x'\nmore")["facts"] == [
+    assert page(run, beside=Beside((("rerun", "pytest 'x'"),)))["facts"] == [
         ["scenario", run.label],
         ["driven by", "mine.Pilot, a0 alone; the others by reference"],
         ["simulated by", "bullet"],
