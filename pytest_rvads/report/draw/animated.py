@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from math import degrees
@@ -84,12 +83,12 @@ def animated(
             drawn = body(pose, agent, (long, broad), colours[column], style=f"v{column}", more=ring)
             parts.append(_moving(run, film, column, drawn, rules))
     if around is not None:
-        rules.append(_steps("told", film, [(0.0, "opacity:0"), (film.pause, "opacity:1")]))
+        rules.append(_keyframes("told", film, [(0.0, "opacity:0"), (film.pause, "opacity:1")]))
         rules.append("@keyframes pulse{from{transform:scale(1)}50%{transform:scale(1.12)}to{transform:scale(1)}}")
         rules.append(f".told{{animation:told {film.length:g}s step-end infinite}}.ring{{animation:pulse .8s infinite}}")
     clock = _clock(run, film, width, rules)
     if around is not None and run.subject and lines:
-        rules.append(_steps("calm", film, [(0.0, "opacity:1"), (film.pause, "opacity:0")]))
+        rules.append(_keyframes("calm", film, [(0.0, "opacity:1"), (film.pause, "opacity:0")]))
         rules.append(f".calm{{opacity:0;animation:calm {film.length:g}s step-end infinite}}")
         quiet = f"{run.subject} is under test, the others are traffic"
         clock += f'<text class="calm" x="12" y="{_BAR + _LINE:g}" font-size="{_FONT:g}" fill="#3d434a">{markup(quiet)}</text>'
@@ -122,10 +121,6 @@ class Film:
     """Viewing time of the shown instant [s]."""
     length: float
     """Viewing time of the whole film [s]."""
-
-    def share(self, time: float) -> str:
-        """Return a viewing time [s] as a percentage for keyframes."""
-        return f"{100 * min(time / self.length, 1.0):.2f}%"
 
 
 def filmed(run: Run, scene: Scene, responsible: Collection[str], around: float | None, before: float, after: float) -> Film:
@@ -196,32 +191,24 @@ def _balanced_lines(title: str, most: int) -> list[str]:
 
 def _moving(run: Run, film: Film, column: int, drawn: str, rules: list[str]) -> str:
     """Return the element of a moving vehicle, and add its style to `rules`."""
-    pose, present = run.need("pose"), run.here[:, column]
+    pose = run.need("pose")
     begin, end = run.spans[column].tolist()
     turned = np.zeros(run.steps)
     turned[begin:end] = np.unwrap(np.nan_to_num(pose[begin:end, column, 2]))
-    visible = np.flatnonzero(present[film.ticks])
-    first, final = int(visible[0]), int(visible[-1])
-    frames = []
-    for k, (tick, time) in enumerate(zip(film.ticks, film.times, strict=True)):
-        if first <= k <= final:
-            x, y = pose[tick, column, :2]
-            moved = f"transform:translate({x:.2f}px,{-y:.2f}px) rotate({-degrees(turned[tick]):.1f}deg)"
-            frames.append((film.share(time), moved))
+    visible = np.flatnonzero(run.here[film.ticks, column]).tolist()
+    frames: list[tuple[float | str, str]] = []
+    for k in range(visible[0], visible[-1] + 1):
+        tick = film.ticks[k]
+        x, y = pose[tick, column, :2]
+        moved = f"transform:translate({x:.2f}px,{-y:.2f}px) rotate({-degrees(turned[tick]):.1f}deg)"
+        frames.append((film.times[k], moved))
     ends = (0, len(frames) - 1)
     merged = [f for k, f in enumerate(frames) if k in ends or len({style for _, style in frames[k - 1 : k + 2]}) > 1]
-    start, stop = ("0%", merged[0][1]), ("100%", merged[-1][1])
-    rules.append(f"@keyframes v{column}{{{_frames([start, *merged, stop])}}}")
-    rules.append(f".v{column}{{animation:v{column} {film.length:g}s linear infinite}}")
-    hidden = "" if present[film.still] else ' visibility="hidden"'
-    if first == 0 and final == len(film.ticks) - 1:
+    whole = [("0%", merged[0][1]), *merged, ("100%", merged[-1][1])]
+    rules.append(_animation(f"v{column}", film, whole, "linear"))
+    if visible[0] == 0 and visible[-1] == len(film.ticks) - 1:
         return drawn
-    off, on = "visibility:hidden", "visibility:visible"
-    edges = [(0.0, on if first == 0 else off), (film.times[first], on)]
-    edges += [(film.times[final + 1], off)] if final + 1 < len(film.ticks) else []
-    rules.append(_steps(f"s{column}", film, edges))
-    rules.append(f".s{column}{{animation:s{column} {film.length:g}s step-end infinite}}")
-    return f'<g class="s{column}"{hidden}>{drawn}</g>'
+    return _shown(f"s{column}", film, visible[0], visible[-1] + 1, drawn, rules)
 
 
 def _lamps(run: Run, scene: Scene, film: Film, rules: list[str]) -> Iterable[str]:
@@ -230,17 +217,21 @@ def _lamps(run: Run, scene: Scene, film: Film, rules: list[str]) -> Iterable[str
     changes = [k for k in range(len(shown)) if k == 0 or shown[k] != shown[k - 1]]
     if len(changes) == 1:
         return [scene.lights(shown[0])]
-    lamps = []
-    now = changes[bisect_right(changes, list(film.ticks).index(film.still)) - 1]
-    for number, k in enumerate(changes):
-        until = changes[number + 1] if number + 1 < len(changes) else None
-        edges = [(0.0, "visibility:visible" if k == 0 else "visibility:hidden"), (film.times[k], "visibility:visible")]
-        edges += [] if until is None else [(film.times[until], "visibility:hidden")]
-        rules.append(_steps(f"l{number}", film, edges))
-        rules.append(f".l{number}{{animation:l{number} {film.length:g}s step-end infinite}}")
-        hidden = "" if k == now else ' visibility="hidden"'
-        lamps.append(f'<g class="l{number}"{hidden}>{scene.lights(shown[k])}</g>')
-    return lamps
+    spans = zip(changes, [*changes[1:], len(shown)], strict=True)
+    return [_shown(f"l{n}", film, first, end, scene.lights(shown[first]), rules) for n, (first, end) in enumerate(spans)]
+
+
+def _shown(name: str, film: Film, first: int, end: int, drawn: str, rules: list[str]) -> str:
+    """Return an element that is visible from one frame of the film until another, and add its style to `rules`."""
+    frames: list[tuple[float | str, str]] = [
+        (0.0, f"visibility:{'hidden' if first else 'visible'}"),
+        (film.times[first], "visibility:visible"),
+    ]
+    if end < len(film.ticks):
+        frames.append((film.times[end], "visibility:hidden"))
+    rules.append(_animation(name, film, frames, "step-end"))
+    hidden = "" if first <= list(film.ticks).index(film.still) < end else ' visibility="hidden"'
+    return f'<g class="{name}"{hidden}>{drawn}</g>'
 
 
 def _clock(run: Run, film: Film, width: int, rules: list[str]) -> str:
@@ -249,19 +240,15 @@ def _clock(run: Run, film: Film, width: int, rules: list[str]) -> str:
     begin, end = film.ticks[0], film.ticks[-1]
     span = max(end - begin, 1)
     shown = list(zip(film.ticks, film.times, strict=True))
-    fills = [(film.share(time), f"transform:scaleX({(tick - begin) / span:.4f})") for tick, time in shown]
-    rules.append(f"@keyframes bar{{{_frames([*fills, ('100%', fills[-1][1])])}}}")
-    rules.append(f".bar{{animation:bar {film.length:g}s linear infinite}}")
-    lines: list[str] = []
-    turns, previous = [], -1
+    fills = [(time, f"transform:scaleX({(tick - begin) / span:.4f})") for tick, time in shown]
+    rules.append(_animation("bar", film, [*fills, ("100%", fills[-1][1])], "linear"))
+    times: dict[int, float] = {}
     for tick, time in shown:
-        if tick != previous:
-            lines.append(f'<text y="{17 + _BAR * len(lines):g}">{run.start + tick * run.dt:.2f} s</text>')
-            turns.append((time, f"transform:translateY({-_BAR * (len(lines) - 1):g}px)"))
-        previous = tick
-    rules.append(_steps("clock", film, turns))
-    rules.append(f".clock{{animation:clock {film.length:g}s step-end infinite}}")
-    row = sorted(set(film.ticks)).index(film.still)
+        times.setdefault(tick, time)
+    lines = [f'<text y="{17 + _BAR * row:g}">{run.start + tick * run.dt:.2f} s</text>' for row, tick in enumerate(times)]
+    turns = [(time, f"transform:translateY({-_BAR * row:g}px)") for row, time in enumerate(times.values())]
+    rules.append(_animation("clock", film, turns, "step-end"))
+    row = list(times).index(film.still)
     share = (film.still - begin) / span
     mark = f'<path d="M{12 + room * share:.1f} 5v14" stroke="#b3151b" stroke-width="3"/>' if film.times[-1] > film.pause else ""
     fill = f'<g class="bar" transform="scale({share:.4f} 1)"><rect width="{room:g}" height="6" rx="3" fill="#5c6470"/></g>'
@@ -272,10 +259,15 @@ def _clock(run: Run, film: Film, width: int, rules: list[str]) -> str:
     )
 
 
-def _steps(name: str, film: Film, edges: Iterable[tuple[float, str]]) -> str:
-    """Return CSS keyframes of a property that changes in steps."""
-    return f"@keyframes {name}{{{_frames([(film.share(time), style) for time, style in edges])}}}"
+def _keyframes(name: str, film: Film, frames: Iterable[tuple[float | str, str]]) -> str:
+    """Return CSS keyframes from styles and their viewing times [s] or shares of the film."""
+    steps = []
+    for time, style in frames:
+        share = time if isinstance(time, str) else f"{100 * min(time / film.length, 1.0):.2f}%"
+        steps.append(f"{share}{{{style}}}")
+    return f"@keyframes {name}{{{''.join(steps)}}}"
 
 
-def _frames(frames: Iterable[tuple[str, str]]) -> str:
-    return "".join(f"{share}{{{style}}}" for share, style in frames)
+def _animation(name: str, film: Film, frames: Iterable[tuple[float | str, str]], course: str) -> str:
+    """Return the CSS of a class whose elements go through keyframes again and again, linearly or in steps."""
+    return f"{_keyframes(name, film, frames)}.{name}{{animation:{name} {film.length:g}s {course} infinite}}"

@@ -36,6 +36,8 @@ _ARROW = 9.0
 """The arrow on a lane begins this far before the stopping line [m]."""
 _LAMP = 1.8
 """On arms with several lanes, a light hangs over its lane this far beyond the stopping line [m]."""
+_POST = 3.2
+"""Signs and lights at the kerb stand this far before the stopping line [m]."""
 _SMALL, _EDGE = 1.3, ' stroke="#fff" stroke-width=".12"'
 """Height of the name of a pedestrian [m], and the edge of the circle, which is seen on dark asphalt."""
 _HALO = ' stroke="#fff" stroke-width=".4" stroke-linejoin="round" paint-order="stroke"'
@@ -105,7 +107,7 @@ class Scene:
         if lane.lane == 0:
             px, py = self._kerb(entrance)
             parts.append(f'<text class="number" x="{px:.2f}" y="{-py + 0.9:.2f}">{lane.arm}</text>')
-            parts.append(sign(lane.sign, px - 3.2 * cos(heading), -(py - 3.2 * sin(heading)), 1.0))
+            parts.append(sign(lane.sign, px - _POST * cos(heading), -(py - _POST * sin(heading)), 1.0))
         return "".join(parts)
 
     def _kerb(self, entrance: int) -> tuple[float, float]:
@@ -121,34 +123,28 @@ class Scene:
         The lamp stands at the kerb, or hangs over the lane if the arm has several lanes. The lamp of a pedestrian light is
         smaller, and stands on the sidewalk beside the crosswalk.
         """
-        parts = []
+        junction, parts = self.junction, []
         for entrance, colour in enumerate(map(Colour, colours)):
             if colour is Colour.NONE:
                 continue
-            if entrance >= len(self.junction.entrances):
-                walk, way = self.junction.way_in(entrance), self.junction.further[entrance - len(self.junction.entrances)].way
-                x, y, heading = walk.pose(walk.length - 0.9)
+            lane = junction.way_in(entrance)
+            if entrance >= len(junction.entrances):
+                way, scale = junction.further[entrance - len(junction.entrances)].way, " scale(.6)"
+                x, y, heading = lane.pose(lane.length - 0.9)
                 if isinstance(way, Crossing):
-                    aside = _width(self.junction.crossings[way.crosswalk]) / 2 + 0.9
-                    aside *= -1 if (way.side is Side.NEAR) != self.junction.left_hand else 1  # on the side of the junction
+                    aside = _width(junction.crossings[way.crosswalk]) / 2 + 0.9
+                    aside *= -1 if (way.side is Side.NEAR) != junction.left_hand else 1  # on the side of the junction
                     x, y = x - aside * sin(heading), y + aside * cos(heading)
-                parts.append(_lamp(entrance, colour, x, y, " scale(.6)"))
-                continue
-            x, y, heading = self.junction.way_in(entrance).pose(self.junction.approach(entrance))
-            if len(self.junction.arms[self.junction.entrances[entrance].arm].entrances) > 1:
-                qx, qy = x + _LAMP * cos(heading), y + _LAMP * sin(heading)
             else:
-                px, py = self._kerb(entrance)
-                qx, qy = px - 3.2 * cos(heading), py - 3.2 * sin(heading)
-            parts.append(_lamp(entrance, colour, qx, qy))
+                (x, y, heading), beyond, scale = lane.pose(junction.approach(entrance)), _LAMP, ""
+                if len(junction.arms[junction.entrances[entrance].arm].entrances) == 1:
+                    (x, y), beyond = self._kerb(entrance), -_POST
+                x, y = x + beyond * cos(heading), y + beyond * sin(heading)
+            parts.append(
+                f'<g class="lamp" data-entrance="{entrance}" transform="translate({x:.2f} {-y:.2f}){scale}">'
+                f'<circle r="1.3" fill="{_LIGHTS[colour]}"/><text class="letter" y="0.65">{colour.name[0]}</text></g>'
+            )
         return "".join(parts)
-
-
-def _lamp(start: int, colour: Colour, x: float, y: float, scale: str = "") -> str:
-    return (
-        f'<g class="lamp" data-entrance="{start}" transform="translate({x:.2f} {-y:.2f}){scale}">'
-        f'<circle r="1.3" fill="{_LIGHTS[colour]}"/><text class="letter" y="0.65">{colour.name[0]}</text></g>'
-    )
 
 
 def _width(crosswalk: Crosswalk) -> float:
@@ -192,28 +188,29 @@ def body(
     heading, (length, width), name = float(pose[2]), size, markup(agent.name)
     outline = ' class="broken"' if broken else ""
     kind = "" if agent.kind is Kind.CAR else f"<title>{agent.kind} {name}</title>"
-    along = len(agent.name) > _ROOM
-    turned = (180.0 if cos(heading) < 0 else 0.0) if along else degrees(heading)
-    # The width of a bold letter is about 0.6 of its height; the arrow at the front takes a part of the room.
-    middle = length * (0.58 if along else 0.5)
-    high = min(_NAME, 0.75 * length / (0.6 * len(agent.name))) if along else _NAME
+    corner, edge = _CORNERS.get(agent.kind, width / 2), ""
     if agent.kind is Kind.PEDESTRIAN:
-        turned, middle, short = degrees(heading), length / 2, "" if "+" in name else name
-        return (
-            f'<g class="{style}" data-agent="{name}" transform="{placed(pose)}">{kind}'
-            f'<rect{outline} x="{-length:g}" y="{-width / 2:g}" width="{length:g}" height="{width:g}" '
-            f'rx="{width / 2:g}" fill="{colour}"{_EDGE}/><text font-size="{_SMALL:g}" text-anchor="middle" font-weight="bold" '
-            f'fill="{colour}"{_HALO} transform="translate({-middle:g} 0) rotate({turned:.2f})" '
-            f'y="{-width / 2 - 0.2:.2f}">{short}</text>'
-            f"{more}</g>"
+        edge = _EDGE
+        inner = (
+            f'<text font-size="{_SMALL:g}" text-anchor="middle" font-weight="bold" fill="{colour}"{_HALO} '
+            f'transform="translate({-length / 2:g} 0) rotate({degrees(heading):.2f})" y="{-width / 2 - 0.2:.2f}">'
+            f"{'' if '+' in name else name}</text>"
+        )
+    else:
+        along = len(agent.name) > _ROOM
+        turned = (180.0 if cos(heading) < 0 else 0.0) if along else degrees(heading)
+        # The width of a bold letter is about 0.6 of its height; the arrow at the front takes a part of the room.
+        middle = length * (0.58 if along else 0.5)
+        high = min(_NAME, 0.75 * length / (0.6 * len(agent.name))) if along else _NAME
+        inner = (
+            f'<path class="front" d="M-1.3 {-width / 2 + 0.25:g}L-0.3 0L-1.3 {width / 2 - 0.25:g}"/>'
+            f'<text class="{"name along" if along else "name"}" font-size="{high:.2f}" '
+            f'transform="translate({-middle:g} 0) rotate({turned:.2f})" y="{high / 3:.2f}">{name}</text>'
         )
     return (
         f'<g class="{style}" data-agent="{name}" transform="{placed(pose)}">{kind}'
         f'<rect{outline} x="{-length:g}" y="{-width / 2:g}" width="{length:g}" height="{width:g}" '
-        f'rx="{_CORNERS.get(agent.kind, width / 2):g}" fill="{colour}"/>'
-        f'<path class="front" d="M-1.3 {-width / 2 + 0.25:g}L-0.3 0L-1.3 {width / 2 - 0.25:g}"/>'
-        f'<text class="{"name along" if along else "name"}" font-size="{high:.2f}" '
-        f'transform="translate({-middle:g} 0) rotate({turned:.2f})" y="{high / 3:.2f}">{name}</text>{more}</g>'
+        f'rx="{corner:g}" fill="{colour}"{edge}/>{inner}{more}</g>'
     )
 
 
@@ -293,8 +290,7 @@ def still(
     scene: Scene, parts: Iterable[str], corners: Sequence[Sequence[float]] = (), legend: Sequence[tuple[str, str]] = ()
 ) -> str:
     """Return an SVG document of a road with elements on the road; `corners` are further points that it must show [m]."""
-    through = [scene.junction.way_through(*key).points for key in scene.junction.movements]
-    points = np.vstack([*through, *np.reshape(corners, (-1, 2))])
+    points = np.vstack([*scene.core, *np.reshape(corners, (-1, 2))])
     low, high = points.min(axis=0) - _BEYOND, points.max(axis=0) + _BEYOND
     (left, bottom), (wide, tall) = low, high - low
     top = bottom + tall
