@@ -13,13 +13,14 @@ A cause names the variants of its tests (the values of their other parameters) i
 
 from __future__ import annotations
 
+import math
+import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from dataclasses import dataclass, field
 
-from pytest_rvads.logic.judging.verdicts import Verdict
+from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.outcome import Outcome
-from pytest_rvads.report.faults import first_line, hanging, signature, time_of, verdict_of, violated
 from pytest_rvads.report.record import Record, SimulatedItem
 from pytest_rvads.support.wording import first, natural, plural
 
@@ -31,11 +32,54 @@ _IDS = 1000
 """Largest number of items of a cause whose ids are kept; further items are counted."""
 _SEATS = 3
 """Seats of the subject (entrances of the vehicle under test) are named in a cause that concerns at most this many seats."""
+_INSTANCES = 3
+"""Largest number of unsure instances that are described per test item; further instances are counted."""
+_VARIES = re.compile(r"0x[0-9a-fA-F]+|\d+([.,]\d+)*(e[+-]?\d+)?")
+"""Matches the parts in which messages of one fault differ: vehicle numbers, times, line numbers, memory addresses."""
 _YIELDING = ("left_yields", "yield_sign", "priority", "right_before_left", "merge", "crosswalk", "crosswalk_turning")
 _GRAVE = ("no_collision", "no_conflict", "red", "right_on_red", *_YIELDING)
 """Rules of the first causes in a report, the gravest first: contact, meeting in the junction, then failing to yield."""
 _OWN = (*_GRAVE[2:], "p4", "full_stop", "speed_limit", "keep_lane", "on_route", "on_lane_allowed")
 """Rules that a vehicle never breaks merely because another vehicle has broken a rule before."""
+
+
+def verdict_of(record: Record) -> Verdict | None:
+    """Return the verdict from which a record has its status; None if the status comes from an error or an exception."""
+    status = record.status
+    if status is Outcome.ERROR:
+        return None
+    return next((verdict for verdict in record.verdicts if status in (verdict.outcome, verdict.status)), None)
+
+
+def violated(record: Record) -> str:
+    """Return the violated obligation or the error of a record in words."""
+    if record.status is Outcome.FLAKY:
+        repeated = record.flaky and record.flaky.what == "status"
+        return f"not deterministic: the same start gave another {'verdict' if repeated else 'run'}"
+    if record.status is Outcome.UNSURE:
+        return hanging(record)
+    verdict = verdict_of(record)
+    if verdict is None:
+        return first_line(record).removeprefix(f"{record.asks} {Outcome.ERROR}: ")
+    owed = verdict.violated.removeprefix("open: ")
+    return verdict.violated if owed == verdict.violated else f"still owed at the end of the run: {owed}"
+
+
+def hanging(record: Record) -> str:
+    """Return the doubts (events within the accuracy of a recording) that make the verdict of a record UNSURE, in words."""
+    verdict = verdict_of(record)
+    if verdict is None:
+        return first_line(record)
+    unsure = [instance for instance in verdict.instances if instance.status is Status.UNSURE and instance.hangs]
+    doubts = [f"{', '.join(f'{name}={value}' for name, value in i.binding)}: {i.hangs}" for i in unsure]
+    doubts = doubts or [verdict.reason]
+    more = len(doubts) - _INSTANCES
+    return "; ".join(doubts[:_INSTANCES]) + (f" and {more} more" if more > 0 else "") or first_line(record)
+
+
+def first_line(record: Record) -> str:
+    """Return the first line of a record's message."""
+    return record.message.strip().partition("\n")[0]
 
 
 def gravity(rules: Iterable[str]) -> int:
@@ -181,14 +225,21 @@ class ByCause(ByText):
         runs: dict[str, list[tuple[_Part, Verdict]]] = defaultdict(list)
         for number, (record, text) in enumerate(self._chosen):
             verdict = verdict_of(record)
-            part = _Part(number, signature(record), text, record, verdict)
-            if verdict is None or not record.hash or verdict.unavoidable:  # explains no failure
-                yield part
-            else:
+            if verdict is None:
+                # A fault of a stack is one cause, whatever rules would have judged its runs. So is a stack that is not
+                # deterministic.
+                rule = "" if record.status in (Outcome.ERROR, Outcome.FLAKY) else record.asks
+                yield _Part(number, (record.status, rule, _VARIES.sub("#", text)), text, record)
+                continue
+            # Violations of a rule that no vehicle could have kept are one cause, whatever their status.
+            part = _Part(number, ("" if verdict.unavoidable else record.status, text), text, record, verdict)
+            if record.hash and not verdict.unavoidable:
                 runs[record.ran_as].append((part, verdict))
+            else:
+                yield part
         for failures in runs.values():
             first_failures: list[tuple[_Part, set[str]]] = []
-            for part, verdict in sorted(failures, key=lambda failure: time_of(failure[0].record)):
+            for part, verdict in sorted(failures, key=_due):
                 # Vehicles that are to blame for any instance, and vehicles that are to blame for the first instance.
                 to_blame = set(verdict.responsible)
                 first_to_blame = set(verdict.instances[0].responsible if verdict.instances else verdict.responsible)
@@ -203,6 +254,16 @@ class ByCause(ByText):
                 else:
                     first_failures.append((part, first_to_blame))
             yield from (part for part, _ in first_failures)
+
+
+def _due(failure: tuple[_Part, Verdict]) -> tuple[bool, float, str]:
+    """Return the key by which failures of a run are sorted: violations by their times [s], then open obligations.
+
+    An obligation becomes overdue at the end of the run, whenever it began. Failures at the same time are ordered by the names of
+    their rules.
+    """
+    record, time = failure[0].record, failure[1].time
+    return record.status is Outcome.OPEN, math.inf if time is None else time, record.asks
 
 
 def _variant(record: Record) -> tuple[str, str]:

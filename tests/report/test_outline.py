@@ -18,7 +18,6 @@ from pytest_rvads.logic.conduct.kpis import kpis
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.coverage import SIMULTANEOUS
-from pytest_rvads.report.faults import hanging as hanging_on
 from pytest_rvads.report.files import FORMATS, load, save
 from pytest_rvads.report.outline import Block, Causes, Changes, Figures, Head, RollUp, Verdicts, outline
 from pytest_rvads.report.record import (
@@ -35,6 +34,7 @@ from pytest_rvads.report.record import (
 )
 from pytest_rvads.report.session_report import Change, Comparison, Report, cell_of
 from pytest_rvads.report.terminal import summary
+from pytest_rvads.report.triage import hanging as hanging_on
 from pytest_rvads.runs.measured import ArrivalDifferences, Kpis
 
 STACK = Computing(stack="stack ./mine", decisions=60, compute=0.3, longest=0.02)
