@@ -97,8 +97,11 @@ def blocks(corner: str, labels: Sequence[str], columns: Sequence[Column], width:
             return [_as_list(corner, labels, columns, width)]
     room = width - 1 - label_width
     widths = [min(column_width, room - gap) for column_width in widths]
-    pages = _packed(columns, [gap + column_width for column_width in widths], room)
-    return [Block(page, _block_lines(corner, labels, columns, page, label_width, widths, gap, rule)) for page in pages]
+    result = []
+    for page in _packed(columns, [gap + column_width for column_width in widths], room):
+        shown = [(columns[i], widths[i]) for i in page]
+        result.append(Block(page, _block_lines(corner, labels, label_width, shown, gap, rule)))
+    return result
 
 
 def _column_width(column: Column) -> int:
@@ -128,54 +131,33 @@ def _packed(columns: Sequence[Column], widths: Sequence[int], room: int) -> list
 
 
 def _block_lines(
-    corner: str,
-    labels: Sequence[str],
-    columns: Sequence[Column],
-    page: Sequence[int],
-    label_width: int,
-    widths: Sequence[int],
-    gap: int,
-    rule: str,
+    corner: str, labels: Sequence[str], label_width: int, shown: Sequence[tuple[Column, int]], gap: int, rule: str
 ) -> tuple[Text, ...]:
-    """Return the lines of one block of a table."""
+    """Return the lines of one block of a table, whose columns are `shown` with their widths; a cell can take several lines."""
     lines: list[Text] = []
-    last = len(columns[page[0]].heads) - 1
-    for level in range(last + 1):
-        heads = [columns[i].heads[level] for i in page]
-        if level < last:  # neighbouring columns with the same heading show the heading once
-            heads = [head if not k or columns[page[k - 1]].heads[level] != head else "" for k, head in enumerate(heads)]
-        if level < last and not any(heads):
-            continue
-        cells = [Cell(head) for head in heads]
-        lines += _row_lines(corner if level == last else "", cells, columns, page, label_width, widths, gap)
-    lines.append(Text(rule * (1 + label_width + sum(gap + widths[i] for i in page))))
+
+    def add_row(label: str, cells: Sequence[Cell]) -> None:
+        texts = [wrapped(cell.text, width) for cell, (_, width) in zip(cells, shown, strict=True)]
+        for name, *parts in zip_longest(wrapped(label, label_width, _INDENT), *texts, fillvalue=""):
+            line = Text(f" {name}{' ' * (label_width - cell_len(name))}")
+            for part, cell, (column, width) in zip(parts, cells, shown, strict=True):
+                pad = " " * (width - cell_len(part))
+                line.append(" " * gap + (pad if column.right else ""))
+                line.append(part, style=cell.style)
+                line.append("" if column.right else pad)
+            line.rstrip()
+            lines.append(line)
+
+    *upper, lowest = zip(*(column.heads for column, _ in shown), strict=True)
+    for heads in upper:  # neighbouring columns with the same heading show the heading once
+        once = [head if not k or heads[k - 1] != head else "" for k, head in enumerate(heads)]
+        if any(once):
+            add_row("", [Cell(head) for head in once])
+    add_row(corner, [Cell(head) for head in lowest])
+    lines.append(Text(rule * (1 + label_width + sum(gap + width for _, width in shown))))
     for number, label in enumerate(labels):
-        lines += _row_lines(label, [columns[i].cells[number] for i in page], columns, page, label_width, widths, gap)
+        add_row(label, [column.cells[number] for column, _ in shown])
     return tuple(lines)
-
-
-def _row_lines(
-    label: str,
-    cells: Sequence[Cell],
-    columns: Sequence[Column],
-    page: Sequence[int],
-    label_width: int,
-    widths: Sequence[int],
-    gap: int,
-) -> list[Text]:
-    """Return the lines of a row of a table; each cell can take several lines."""
-    texts = [wrapped(cell.text, widths[i]) for cell, i in zip(cells, page, strict=True)]
-    lines = []
-    for name, *parts in zip_longest(wrapped(label, label_width, _INDENT), *texts, fillvalue=""):
-        line = Text(f" {name}{' ' * (label_width - cell_len(name))}")
-        for part, cell, i in zip(parts, cells, page, strict=True):
-            pad = " " * (widths[i] - cell_len(part))
-            line.append(" " * gap + (pad if columns[i].right else ""))
-            line.append(part, style=cell.style)
-            line.append("" if columns[i].right else pad)
-        line.rstrip()
-        lines.append(line)
-    return lines
 
 
 def _as_list(corner: str, labels: Sequence[str], columns: Sequence[Column], width: int) -> Block:
