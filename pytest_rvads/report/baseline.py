@@ -9,9 +9,10 @@ A margin has eroded if it has fallen by more than 0.5 s and is now below its thr
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, replace
+from collections import Counter, defaultdict
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import chain
 
 from msgspec import structs
 
@@ -32,8 +33,8 @@ MATTERS = {"ttc": 4.0, "pet": 5.0, "margin": 5.0}
 """
 _EROSION = 0.5
 """A margin has eroded only if it fell by more than this [s]: a tenth of the largest threshold in `MATTERS`."""
-_Fall = tuple[float, float]
-"""A safety margin in the baseline and in the session [s]."""
+_Fall = tuple[str, float, float]
+"""The name of a safety margin, and the margin in the baseline and in the session [s]."""
 
 
 def compare(report: Report, baseline: Report, name: str, gone: Callable[[str], bool], *, same: bool = True) -> Comparison:
@@ -43,30 +44,32 @@ def compare(report: Report, baseline: Report, name: str, gone: Callable[[str], b
     The other items of the run are UNCHANGED.
     """
     before = {record.nodeid: record for record in baseline.records}
-    pairs = ((before[record.nodeid], record) for record in report.records if record.nodeid in before)
-    simulators = dict.fromkeys(
-        (was.simulator, now.simulator) for was, now in pairs if isinstance(was, SimulatedItem) and isinstance(now, SimulatedItem)
-    )
     changes: list[Change] = []
-    eroded: dict[str, _Eroded] = {}
+    # By run, the position in `changes` and the eroded margins of every item with eroded margins.
+    eroded: dict[str, list[tuple[int, list[_Fall]]]] = defaultdict(list)
+    simulators: dict[tuple[str, str], None] = {}
     broken: set[str] = set()
     difference_counts: Counter[str] = Counter()
     for record in report.records:
         earlier = before.pop(record.nodeid, None)
+        if isinstance(earlier, SimulatedItem) and isinstance(record, SimulatedItem):
+            simulators[earlier.simulator, record.simulator] = None
         difference = _incomparable(record, earlier) if earlier else ""
         difference_counts[difference] += 1
         change = _item_change(record, earlier, difference if same else "")
         if change.kind == "NEW":
             broken.add(record.ran_as)
         elif change.kind == "UNCHANGED" and earlier and _state(record) == "passed" and (falls := _falls(record, earlier)):
-            eroded.setdefault(record.ran_as, _Eroded(len(changes))).add(falls)
+            eroded[record.ran_as].append((len(changes), falls))
         changes.append(change)
-    for run, erosion in eroded.items():
+    for run, items in eroded.items():
         if run not in broken:
-            changes[erosion.number] = Change("ERODED", changes[erosion.number].nodeid, erosion.text())
+            number = items[0][0]
+            changes[number] = Change("ERODED", changes[number].nodeid, _eroded_margins([falls for _, falls in items]))
     for nodeid, record in before.items():
         if gone(nodeid):
-            changes += [Change("LOST", nodeid, f"was {record.status}, does not exist any more")] if _is_judged(record) else []
+            lost = [Change("LOST", nodeid, f"was {record.status}, does not exist any more")]
+            changes += [] if _state(record) == "idle" else lost
         else:
             changes.append(Change("OUTSIDE", nodeid))
     differences = [
@@ -101,10 +104,6 @@ def _state(record: Record | None) -> str:
     return "passed" if record.status.meaning == "passed" else "idle"
 
 
-def _is_judged(record: Record | None) -> bool:
-    return record is not None and _state(record) != "idle"
-
-
 def _incomparable(record: Record, before: Record) -> str:
     """Return why an item can't be compared with the item of the baseline; an empty text if it can."""
     if record.place and before.place and record.place != before.place:
@@ -119,18 +118,20 @@ def _incomparable(record: Record, before: Record) -> str:
 
 def _item_change(record: Record, before: Record | None, difference: str) -> Change:
     """Return the change of a test item, apart from its safety margins; `difference` is the result of `_incomparable`."""
+    then, now = _state(before), _state(record)
+    judged = then not in ("absent", "idle")
     if record.status is Outcome.NOT_RUN:
         # Skipping an item is a choice of its author. No author chooses that time runs out or that a session is interrupted.
         chosen = record.outcome == "skipped" and not record.late
-        if before and chosen and _is_judged(before):
+        if before and chosen and judged:
             return Change("LOST", record.nodeid, f"was {before.status}, is skipped")
         return Change("NOT RUN", record.nodeid)
-    then, now = "absent" if difference else _state(before), _state(record)
     was = before.status.value if before else ""
+    then = "absent" if difference else then
     if now in BAD and then != now:
         changed = f"was {was}, is {record.status}: " if then in BAD else ""
         return Change("NEW", record.nodeid, changed + record.message.strip().partition("\n")[0])
-    if difference and now not in BAD and _is_judged(before):
+    if difference and now not in BAD and judged:
         return Change("LOST", record.nodeid, f"was {was}, {difference}")
     match then, now:
         case (("violated" | "error" | "flaky" | "known"), "passed"):
@@ -144,34 +145,21 @@ def _item_change(record: Record, before: Record | None, difference: str) -> Chan
     return Change("UNCHANGED", record.nodeid)
 
 
-@dataclass(slots=True)
-class _Eroded:
-    """A run with eroded safety margins, i.e. margins that fell below their thresholds."""
-
-    number: int
-    """Position, in the list of changes, of the run's first item with an eroded margin."""
-    items: int = 0
-    falls: dict[str, _Fall] = field(default_factory=dict)
-    """By name of the margin, its deepest fall among the items of the run."""
-
-    def add(self, falls: Iterable[tuple[str, _Fall]]) -> None:
-        """Add the fallen safety margins of a test item that judges the run."""
-        self.items += 1
-        for name, (then, now) in falls:
-            if name not in self.falls or then - now > self.falls[name][0] - self.falls[name][1]:
-                self.falls[name] = then, now
-
-    def text(self) -> str:
-        """Return a line on the safety margins that fell."""
-        margins = ", ".join(f"{name} {then:.2f} -> {now:.2f} s" for name, (then, now) in self.falls.items())
-        return margins + (f", in {self.items} items of its run" if self.items > 1 else "")
+def _eroded_margins(items: Sequence[Sequence[_Fall]]) -> str:
+    """Return a line on the deepest fall of each safety margin among the items of a run."""
+    falls: dict[str, tuple[float, float]] = {}
+    for name, then, now in chain.from_iterable(items):
+        if name not in falls or then - now > falls[name][0] - falls[name][1]:
+            falls[name] = then, now
+    margins = ", ".join(f"{name} {then:.2f} -> {now:.2f} s" for name, (then, now) in falls.items())
+    return margins + (f", in {len(items)} items of its run" if len(items) > 1 else "")
 
 
-def _falls(record: Record, before: Record) -> list[tuple[str, _Fall]]:
-    """Return the eroded safety margins of a test item by name."""
+def _falls(record: Record, before: Record) -> list[_Fall]:
+    """Return the eroded safety margins of a test item, i.e. margins that fell below their thresholds."""
     now, then = _margins(record), _margins(before)
     return [
-        (f"margin of {record.asks}" if name == "margin" else name, (then[name], value))
+        (f"margin of {record.asks}" if name == "margin" else name, then[name], value)
         for name, value in now.items()
         if name in then and value < MATTERS[name] and then[name] - value > _EROSION
     ]

@@ -6,6 +6,7 @@ The page can show an earlier run of the same scenario, drawn faintly below the r
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import groupby, pairwise
 from typing import Any
@@ -24,6 +25,7 @@ from pytest_rvads.runs.states import Colour, Zone
 from pytest_rvads.support.errors import RunError
 from pytest_rvads.support.wording import markup
 
+Array = NDArray[np.float64]
 _SEEN = 0.1
 """Two runs differ visibly if the positions of a vehicle in the two runs are this far apart [m]."""
 _EVERY = 5
@@ -108,7 +110,7 @@ def replay(
         "agents": [a.name for a in run.agents],
         "kinds": [a.kind for a in run.agents],
         "inks": colours,
-        "motion": motion(run, _EVERY, run.zone != Zone.ABSENT, "pose", "station", "speed"),
+        "motion": _motion(run, run.zone != Zone.ABSENT, run.pose, run.station, run.speed),
         "zones": [_changes(run.zone[:, i]) for i in range(len(run.agents))],
         "entrances": _light_names(run),
         "lights": [_changes(run.lights[:, e]) for e in range(run.lights.shape[1])],
@@ -123,7 +125,7 @@ def replay(
         "facts": beside.facts,
         "others": beside.others,
         "back": beside.back,
-        "ghost": ghost_data(run, beside.ghost, beside.ghost_name, _EVERY),
+        "ghost": None if beside.ghost is None else _ghost_data(run, beside.ghost, beside.ghost_name or "the earlier run"),
     }
     return webpage(
         "draw/replay.html",
@@ -132,7 +134,7 @@ def replay(
         ("draw/replay.css", "draw/replay.js"),
         style=STYLE,
         scene=f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{left:.2f} {top:.2f} {wide:.2f} {high:.2f}">'
-        f"{scene.road()}{scene.lights(run.lights[0])}{outlines(beside.ghost)}{trails}{bodies}</svg>",
+        f"{scene.road()}{scene.lights(run.lights[0])}{_outlines(beside.ghost)}{trails}{bodies}</svg>",
         notes=_notes_html(notes),
     )
 
@@ -230,30 +232,29 @@ def _changes(values: NDArray[np.int8]) -> list[tuple[int, int]]:
     return [(int(tick), int(values[tick])) for tick in ticks]
 
 
-def motion(run: Run, every: int, there: NDArray[np.bool_], *names: str) -> list[list[list[float] | None]]:
-    """Return every `every`-th state of every vehicle, with headings without jumps by 2 pi; None for an absent vehicle.
+def _motion(run: Run, there: NDArray[np.bool_], pose: Array, *further: Array) -> list[list[list[float] | None]]:
+    """Return every `_EVERY`-th state of every vehicle, with headings without jumps by 2 pi; None for an absent vehicle.
 
     `there` says whether each vehicle is present, shape ``(steps, agents)``.
     """
-    series = [run.need(name) for name in names]
-    together = np.concatenate([values if values.ndim == 3 else values[..., None] for values in series], axis=2)
+    together = np.concatenate([pose, *(values[..., None] for values in further)], axis=2)
     for column, (begin, end) in enumerate(run.spans.tolist()):
         together[begin:end, column, 2] = np.unwrap(together[begin:end, column, 2])
     # The position of a vehicle that is gone can be NaN.
-    stored: list[list[list[float] | None]] = np.nan_to_num(together[::every].round(3)).tolist()
-    for row, column in np.argwhere(~there[::every]).tolist():
+    stored: list[list[list[float] | None]] = np.nan_to_num(together[::_EVERY].round(3)).tolist()
+    for row, column in np.argwhere(~there[::_EVERY]).tolist():
         stored[row][column] = None
     return stored
 
 
-def outlines(ghost: Run | None) -> str:
+def _outlines(ghost: Run | None) -> str:
     """Return SVG outlines of the vehicles of an earlier run; an empty text if the run has no positions."""
-    if ghost is None or not _has_positions(ghost):
+    if ghost is None or ghost.pose is None or not ghost.steps:
         return ""
     parts = []
     for column, colour in enumerate(inks(ghost.agents)):
         length, width = size(ghost, column)
-        first_pose = np.nan_to_num(ghost.need("pose")[ghost.spans[column, 0], column])
+        first_pose = np.nan_to_num(ghost.pose[ghost.spans[column, 0], column])
         parts.append(
             f'<g class="ghost" stroke="{colour}" transform="{placed(first_pose)}">'
             f'<rect x="{-length:g}" y="{-width / 2:g}" width="{length:g}" height="{width:g}" rx="0.4"/>'
@@ -262,25 +263,26 @@ def outlines(ghost: Run | None) -> str:
     return "".join(parts)
 
 
-def ghost_data(run: Run, ghost: Run | None, name: str, every: int) -> dict[str, Any] | None:
-    """Return the data of an earlier run for the replay page; None without an earlier run."""
-    if ghost is None:
-        return None
-    drawn = _has_positions(ghost)
-    name = name or "the earlier run"
+def _ghost_data(run: Run, ghost: Run, name: str) -> dict[str, Any]:
+    """Return the data of an earlier run for the replay page."""
     sentence = f"This run and {name} are the same, state for state."
     times: list[tuple[float, str]] = []
     if divergence := diverge(run, ghost):
-        sentence = f"This run and {name} differ in {divergence.what}: {divergence.one} here, {divergence.other} there."
+        value, ghost_value = divergence.one, divergence.other
+        sentence = f"This run and {name} differ in {divergence.what}: {value} here, {ghost_value} there."
         if divergence.time is not None:
             at = divergence.time + run.start
-            value, ghost_value = _short(divergence.one, divergence.other)
+            with suppress(ValueError):  # the values are words
+                one, other = float(value), float(ghost_value)
+                pairs = ((f"{one:.{digits}g}", f"{other:.{digits}g}") for digits in range(3, 17))
+                value, ghost_value = next((pair for pair in pairs if pair[0] != pair[1]), (value, ghost_value))
             sentence = f"This run and {name} part at t = {at:.2f} s: {divergence.what} is {value} here, {ghost_value} there."
             times.append((at, f"where they part: {at:.2f} s"))
         visible = _visible_difference(run, ghost)
         if visible is not None:
             times.append((visible, f"{_SEEN:g} m apart: {visible:.2f} s"))
-    if not drawn:
+    motion = [] if ghost.pose is None else _motion(ghost, ghost.here, ghost.pose)
+    if not motion:
         sentence += f" Positions of {name} are not recorded, so it is not shown."
     return {
         "name": name,
@@ -289,39 +291,21 @@ def ghost_data(run: Run, ghost: Run | None, name: str, every: int) -> dict[str, 
         "times": times,
         "start": ghost.start,
         "dt": ghost.dt,
-        "every": every,
-        "motion": motion(ghost, every, ghost.here, "pose") if drawn else [],
+        "every": _EVERY,
+        "motion": motion,
     }
-
-
-def _has_positions(ghost: Run) -> bool:
-    return ghost.pose is not None and ghost.steps > 0
-
-
-def _short(value: str, ghost_value: str) -> tuple[str, str]:
-    """Return two numbers as texts with the fewest digits by which the texts differ; return words unchanged."""
-    try:
-        pair = float(value), float(ghost_value)
-    except ValueError:
-        return value, ghost_value
-    for digits in range(3, 17):
-        short = f"{pair[0]:.{digits}g}", f"{pair[1]:.{digits}g}"
-        if short[0] != short[1]:
-            return short
-    return value, ghost_value
 
 
 def _visible_difference(run: Run, ghost: Run) -> float | None:
     """Return the first time at which the positions of a vehicle in the two runs are `_SEEN` apart [s]; None if never."""
     if run.pose is None or ghost.pose is None or run.dt != ghost.dt:
         return None
-    steps = min(run.steps, ghost.steps)
+    first = steps = min(run.steps, ghost.steps)
     columns = {agent.name: column for column, agent in enumerate(ghost.agents)}
-    pairs = [(column, columns[agent.name]) for column, agent in enumerate(run.agents) if agent.name in columns]
-    first = steps
-    for column, ghost_column in pairs:
-        both = run.here[:steps, column] & ghost.here[:steps, ghost_column]
-        gap = np.hypot(*(run.pose[:steps, column, :2] - ghost.pose[:steps, ghost_column, :2]).T)
-        apart = np.flatnonzero(both & (gap > _SEEN))
-        first = min(first, int(apart[0]) if len(apart) else steps)
+    for column, agent in enumerate(run.agents):
+        if (other := columns.get(agent.name)) is not None:
+            both = run.here[:steps, column] & ghost.here[:steps, other]
+            gap = np.hypot(*(run.pose[:steps, column, :2] - ghost.pose[:steps, other, :2]).T)
+            apart = np.flatnonzero(both & (gap > _SEEN)).tolist()
+            first = min([first, *apart[:1]])
     return None if first == steps else round(run.start + first * run.dt, 9)
