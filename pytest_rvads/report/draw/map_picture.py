@@ -19,6 +19,7 @@ from pytest_rvads.geometry.precedence import Reason
 from pytest_rvads.geometry.road_map import RoadMap
 from pytest_rvads.geometry.turns import UTURN, turn_word
 from pytest_rvads.geometry.ways import Key
+from pytest_rvads.report.draw.scene import TURNS
 from pytest_rvads.report.draw.svg import arrow, document, marks, polyline, sign, text, wrap
 
 _PANEL, _COLUMNS, _HEAD, _LEGEND = 360.0, 3, 78.0, 900.0
@@ -32,8 +33,6 @@ _SMALLEST = 20.0
 _STRIPE = 0.5
 """Width of the stripes of a crosswalk and of the gaps between them [m] (StVO, sign 293)."""
 _ARROWS = 12.0
-_TURNS: dict[str, str] = {"left": "#d55e00", "straight": "#0072b2", "right": "#009e73", UTURN: "#cc79a7"}
-"""Okabe and Ito's palette, distinguishable by colour-blind people."""
 _NO_TURN = "#777"
 _DASHES = "5 3"
 _REASONS = {
@@ -52,35 +51,33 @@ def draw_map(road_map: RoadMap) -> str:
     """Return an SVG document with a panel for each junction of a map, usable or not."""
     reports = road_map.junctions
     columns = min(_COLUMNS, len(reports))
-    rows = math.ceil(len(reports) / columns)
     usable = sum(report.usable for report in reports)
     count = "1 junction" if len(reports) == 1 else f"{len(reports)} junctions"
     drawn = {turn_word(report, way) for report in reports for way in report.movements}
-    words = [word for word in _TURNS if word != UTURN or word in drawn]
+    words = [word for word in TURNS if word != UTURN or word in drawn]
     body = [
         text(12, 24, f"{road_map.path}: {count}, {usable} usable", font_size=15, font_weight="bold"),
         _legend(12, 44, words),
     ]
-    junctions = [road_map.junction(report.id) if report.usable else None for report in reports]
-    captions = [_caption(road_map, *pair) for pair in zip(reports, junctions, strict=True)]
     y = _HEAD
-    for row in range(rows):
-        panels = range(row * columns, min((row + 1) * columns, len(reports)))
-        above = 12 + _LINE * max(len(captions[i]) for i in panels)
-        for i in panels:
-            x = i % columns * _PANEL
+    for begin in range(0, len(reports), columns):
+        row = reports[begin : begin + columns]
+        junctions = [road_map.junction(report.id) if report.usable else None for report in row]
+        captions = [_caption(road_map, *pair) for pair in zip(row, junctions, strict=True)]
+        above = 12 + _LINE * max(map(len, captions))
+        for column, (report, junction, (head, *lines)) in enumerate(zip(row, junctions, captions, strict=True)):
+            x = column * _PANEL
             body.append(
                 f'<svg x="{x + _GAP:g}" y="{y + above:g}" width="{_PANEL - 2 * _GAP:g}" height="{_PANEL - 2 * _GAP:g}" '
-                f'viewBox="0 0 {_PANEL:g} {_PANEL:g}">{_panel(road_map, reports[i], junctions[i])}</svg>'
+                f'viewBox="0 0 {_PANEL:g} {_PANEL:g}">{_panel(road_map, report, junction)}</svg>'
             )
-            for k, line in enumerate(captions[i]):
-                head = {"font_weight": "bold", "fill": "#000" if reports[i].usable else "#a00"} if k == 0 else {"font_size": 10}
-                body.append(text(x + 12, y + 12 + _LINE * k, line, **head))
+            body.append(text(x + 12, y + 12, head, font_weight="bold", fill="#000" if report.usable else "#a00"))
+            body += [text(x + 12, y + 12 + _LINE * k, line, font_size=10) for k, line in enumerate(lines, start=1)]
         y += above + _PANEL
     defs = "".join(
         f'<marker id="{name}" viewBox="0 0 6 6" refX="5" refY="3" markerWidth="5" markerHeight="5" orient="auto">'
         f'<path d="M0 0L6 3L0 6z" fill="{colour}"/></marker>'
-        for name, colour in [*((word, _TURNS[word]) for word in words), ("way", _NO_TURN)]
+        for name, colour in [*((word, TURNS[word]) for word in words), ("way", _NO_TURN)]
     )
     return document(max(columns * _PANEL, _LEGEND), y, body, defs)
 
@@ -88,7 +85,7 @@ def draw_map(road_map: RoadMap) -> str:
 def _legend(x: float, y: float, words: Iterable[str]) -> str:
     parts, left = [], x
     for word in words:
-        parts.append(f'<path d="M{x:g} {y - 4:g}h24" stroke="{_TURNS[word]}" stroke-width="2" marker-end="url(#{word})"/>')
+        parts.append(f'<path d="M{x:g} {y - 4:g}h24" stroke="{TURNS[word]}" stroke-width="2" marker-end="url(#{word})"/>')
         parts.append(text(x + 30, y, word))
         x += 95
     dashed = f'<path d="M{x:g} {y - 4:g}h24" stroke="#333" stroke-width="2" stroke-dasharray="{_DASHES}"/>'
@@ -171,9 +168,9 @@ def _panel(road_map: RoadMap, report: JunctionReport, junction: Junction | None)
     for way in report.movements:
         line = [place(*p) for id in way.path.edges for p in edges[id].points]
         word = turn_word(report, way)
-        style: dict[str, str | float] = {"stroke": _TURNS[word], "stroke_width": 1.5, "marker_end": f"url(#{word})"}
-        dashed: dict[str, str | float] = {"stroke_dasharray": _DASHES} if (way.entrance, way.exit) in yielding else {}
-        parts.append(polyline(line, **style, **dashed))
+        dashes = _DASHES if (way.entrance, way.exit) in yielding else None
+        end = f"url(#{word})"
+        parts.append(polyline(line, stroke=TURNS[word], stroke_width=1.5, marker_end=end, stroke_dasharray=dashes))
     for entrance in range(len(report.entrances)):
         parts += _posted(road_map, report, entrance, place, scale)
     parts.append(f'<path d="M10 {_PANEL - 10:g}h{10 * scale:.1f}m0 -3v6m-{10 * scale:.1f} 0v-6" stroke="#333" fill="none"/>')
@@ -184,17 +181,15 @@ def _panel(road_map: RoadMap, report: JunctionReport, junction: Junction | None)
 def _roads(road_map: RoadMap, report: JunctionReport, reach: float) -> list[Edge]:
     """Return the lanes outside the junction that can be visible in its panel."""
     lanes: dict[str, Edge] = {}
-    for upstream, starts in (
-        (True, [e for arm in report.arms for e in arm.entrances]),
-        (False, [e for arm in report.arms for e in arm.exits]),
-    ):
-        for start in starts:
-            total = 0.0
-            for id in walk(road_map.graph, start, upstream=upstream):
-                if total > 2 * reach:
-                    break
-                lanes[id] = road_map.graph.edges[id]
-                total += lanes[id].length
+    starts = [(start, True) for arm in report.arms for start in arm.entrances]
+    starts += [(start, False) for arm in report.arms for start in arm.exits]
+    for start, upstream in starts:
+        total = 0.0
+        for id in walk(road_map.graph, start, upstream=upstream):
+            if total > 2 * reach:
+                break
+            lanes[id] = road_map.graph.edges[id]
+            total += lanes[id].length
     return list(lanes.values())
 
 
@@ -239,8 +234,7 @@ def _painted(road_map: RoadMap, report: JunctionReport, place: Project, reach: f
                 [lane.points for lane in lanes], width, left_hand=report.left_hand, centre=upstream or not arm.entrances
             ):
                 near = [place(*p) for p in _points_near(line, arm.x, arm.y, 2 * reach)]
-                dashed: dict[str, str | float] = {"stroke_dasharray": "8 8"} if broken else {}
-                parts.append(polyline(near, stroke="#fff", stroke_width=1.2, **dashed))
+                parts.append(polyline(near, stroke="#fff", stroke_width=1.2, stroke_dasharray="8 8" if broken else None))
     return parts
 
 
@@ -250,11 +244,11 @@ def _striped(crosswalk: Crosswalk, place: Project, scale: float) -> list[str]:
     path = crosswalk.path
     across = np.array([-1.0, 1.0]) * (path.points[1] - path.points[0])[::-1] / path.length
     width = float(np.ptp(crosswalk.area @ across)) * scale
-    style: dict[str, str | float] = {"stroke_width": f"{width:.1f}", "stroke_dasharray": f"{_STRIPE * scale:.1f}"}
     ends = [place(*point) for point in path.points.tolist()]
+    stripes = {"class": "crosswalk", "stroke": "#fff", "stroke_width": f"{width:.1f}"}
     return [
         polyline(corners, stroke="#fff", stroke_width=1),
-        polyline(ends, **{"class": "crosswalk"}, stroke="#fff", **style),
+        polyline(ends, **stripes, stroke_dasharray=f"{_STRIPE * scale:.1f}"),
     ]
 
 

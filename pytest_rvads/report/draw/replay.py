@@ -178,8 +178,11 @@ def _home(run: Run, scene: Scene, about: float, responsible: Collection[str]) ->
 def events(run: Run) -> list[tuple[float, str]]:
     """Return the events of a run, each with time [s] and text: zones entered, changes of lights, collisions, a fault."""
     rows: list[tuple[float, str]] = []
-    first = run.start
     junction = run.junction
+
+    def add(tick: int, text: str) -> None:
+        rows.append((round(run.start + tick * run.dt, 6), text))
+
     out = [f"{lane.arm}.{lane.lane}" if len(junction.arms[lane.arm].exits) > 1 else f"{lane.arm}" for lane in junction.ends]
     for column, agent in enumerate(run.agents):
         if isinstance(agent.way, Parking):
@@ -190,23 +193,21 @@ def events(run: Run) -> list[tuple[float, str]]:
         what, zones, back = agent.way.kind, _changes(run.zone[:, column]), list[tuple[int, int]]()
         if isinstance(agent.way, Crossing):
             back = [row for before, row in pairwise(zones) if row[1] == Zone.ENTRANCE and before[1] == Zone.JUNCTION]
-            rows += [(round(first + tick * run.dt, 6), f"{agent.name} goes back to the sidewalk") for tick, _ in back]
+            for tick, _ in back:
+                add(tick, f"{agent.name} goes back to the sidewalk")
             words[Zone.JUNCTION], what = "steps onto the {2}", f"crosswalk of arm {junction.crossings[agent.way.crosswalk].arm}"
         for tick, zone in zones:
             # A vehicle whose recording begins inside a zone has no recorded entry into the zone.
             unrecorded = run.excerpt and (tick == 0 or run.zone[tick - 1, column] == Zone.ABSENT)
             if zone in words and (tick, zone) not in back and not unrecorded:
-                event = words[Zone(zone)].format(label(junction, agent.entrance), out[agent.exit], what)
-                rows.append((round(first + tick * run.dt, 6), f"{agent.name} {event}"))
+                add(tick, f"{agent.name} {words[Zone(zone)].format(label(junction, agent.entrance), out[agent.exit], what)}")
     for entrance, name in enumerate(_light_names(run)):
-        changes = _changes(run.lights[:, entrance])[1:] if name else []
-        rows += [
-            (round(first + tick * run.dt, 6), f"light {name} turns {Colour(colour).name.lower()}") for tick, colour in changes
-        ]
+        for tick, colour in _changes(run.lights[:, entrance])[1:] if name else []:
+            add(tick, f"light {name} turns {Colour(colour).name.lower()}")
     touch = "touch, by their places and sizes," if run.collisions is None else "collide"
-    rows += [(first + c.time, f"{c.agents[0]} and {c.agents[1]} {touch} at {c.speed:.1f} m/s") for c in _collisions(run)]
+    rows += [(run.start + c.time, f"{c.agents[0]} and {c.agents[1]} {touch} at {c.speed:.1f} m/s") for c in _collisions(run)]
     if run.fault:
-        rows.append((first + run.fault.time, run.fault.reason))
+        rows.append((run.start + run.fault.time, run.fault.reason))
     return sorted(rows)
 
 

@@ -232,7 +232,7 @@ def path(points: NDArray[np.float64]) -> str:
 
 _BEYOND = 9.0
 """Margin of a picture around the junction and the starts of vehicles [m]."""
-_TURNS: dict[str, str] = {"left": PALETTE[1], "straight": PALETTE[0], "right": PALETTE[2], UTURN: PALETTE[3]}
+TURNS: dict[str, str] = {"left": PALETTE[1], "straight": PALETTE[0], "right": PALETTE[2], UTURN: PALETTE[3]}
 """Colour per turn, as in pictures of maps."""
 STYLE = """
 .lane{fill:none;stroke:#d9d9d9}.way{fill:none;stroke:#bdbdbd;stroke-width:.12;stroke-dasharray:.6 .6}
@@ -272,8 +272,8 @@ def draw_ways(junction: Junction) -> str:
     """Return the ways through a junction as an SVG document, with a colour per turn."""
     scene = Scene(junction)
     words = {key: turn_word(junction, m) for key, m in junction.movements.items()}
-    lines = [course(junction.way_through(*key).points, _TURNS[word]) for key, word in words.items()]
-    return still(scene, lines, (), [row for row in _TURNS.items() if row[0] != UTURN or UTURN in words.values()])
+    lines = [course(junction.way_through(*key).points, TURNS[word]) for key, word in words.items()]
+    return still(scene, lines, (), [row for row in TURNS.items() if row[0] != UTURN or UTURN in words.values()])
 
 
 def course(points: NDArray[np.float64], ink: str) -> str:

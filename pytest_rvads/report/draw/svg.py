@@ -30,13 +30,13 @@ def document(width: float, height: float, body: Iterable[str], defs: str = "") -
     )
 
 
-def polyline(points: Iterable[Sequence[float]], **style: str | float) -> str:
-    """Return an SVG line through `points`; underscores in the names of style attributes become hyphens."""
+def polyline(points: Iterable[Sequence[float]], **style: str | float | None) -> str:
+    """Return an SVG line through `points`; underscores in the names of style attributes become hyphens, and None is left out."""
     path = "L".join(f"{x:.1f} {y:.1f}" for x, y in points)
     return f'<path d="M{path}" fill="none"{_attributes(style)}/>'
 
 
-def text(x: float, y: float, content: str, **style: str | float) -> str:
+def text(x: float, y: float, content: str, **style: str | float | None) -> str:
     """Return an SVG text element at a point, with the text escaped."""
     return f'<text x="{x:.1f}" y="{y:.1f}"{_attributes(style)}>{markup(content)}</text>'
 
@@ -53,8 +53,9 @@ def wrap(content: str, width: int) -> list[str]:
     return lines
 
 
-def _attributes(style: dict[str, str | float]) -> str:
-    return "".join(f' {name.replace("_", "-")}="{markup(str(value))}"' for name, value in style.items())
+def _attributes(style: dict[str, str | float | None]) -> str:
+    shown = {name.replace("_", "-"): value for name, value in style.items() if value is not None}
+    return "".join(f' {name}="{markup(str(value))}"' for name, value in shown.items())
 
 
 def sign(kind: Sign, x: float, y: float, radius: float) -> str:
