@@ -63,9 +63,7 @@ class Block:
 def wrapped(text: str, width: int, indent: int = 0) -> list[str]:
     """Return a text as lines, broken at spaces, but not between a number and its unit; a word longer than a line is cut.
 
-    Args:
-        width: greatest width of a line [characters].
-        indent: indent of all lines except the first [characters].
+    All lines except the first are indented by `indent` characters.
     """
     lines = [""]
     for word in _BREAK.split(text):
@@ -79,15 +77,14 @@ def wrapped(text: str, width: int, indent: int = 0) -> list[str]:
 
 
 def blocks(corner: str, labels: Sequence[str], columns: Sequence[Column], width: int, rule: str = "-") -> list[Block]:
-    """Return a table as blocks that are no wider than the terminal.
-
-    Args:
-        width: width of the terminal [characters].
-    """
+    """Return a table as blocks of at most `width` characters."""
     if not columns:
         return []
     label_width = max(map(cell_len, (corner, *labels)))
-    widths = [_column_width(column) for column in columns]
+    widths = []
+    for column in columns:  # as wide as the longest text, or as the longest word if the texts are long
+        most = max(_PLEASANT, max(map(_longest, column.texts)))
+        widths.append(max(cell_len(line) for text in column.texts for line in wrapped(text, most)))
     gap = _GAPS[1 + label_width + sum(_GAPS[0] + column_width for column_width in widths) > width]
     if 1 + label_width + sum(gap + column_width for column_width in widths) > width:
         word = max(_longest(text) for text in (corner, *labels))
@@ -102,12 +99,6 @@ def blocks(corner: str, labels: Sequence[str], columns: Sequence[Column], width:
         shown = [(columns[i], widths[i]) for i in page]
         result.append(Block(page, _block_lines(corner, labels, label_width, shown, gap, rule)))
     return result
-
-
-def _column_width(column: Column) -> int:
-    """Return the width of a column: the width of its longest text, or of its longest word if the texts are long."""
-    most = max(_PLEASANT, max(map(_longest, column.texts)))
-    return max(cell_len(line) for text in column.texts for line in wrapped(text, most))
 
 
 def _longest(text: str) -> int:

@@ -23,7 +23,7 @@ from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.logic.rules.book import get_rule, rules_for
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.telling.story import bound_names
-from pytest_rvads.report.draw.replay import Beside, Track, opening, replay
+from pytest_rvads.report.draw.replay import Beside, Track, changes, opening, replay
 from pytest_rvads.report.draw.scene import picture
 from pytest_rvads.report.folders import run_file
 from pytest_rvads.report.record import Record, SimulatedItem
@@ -93,7 +93,7 @@ def moment(run: Run, verdict: Verdict) -> float:
         return opening(run)
     if verdict.time is not None:
         return verdict.time
-    return next((time for time, _ in _troubled_instances(verdict)), run.start + run.duration)
+    return next((time for time, *_ in _troubles(verdict)), run.start + run.duration)
 
 
 def failure_picture(run: Run, verdict: Verdict) -> str:
@@ -123,24 +123,24 @@ def failure_pages(run: Run, verdict: Verdict, rule: str | Rule, notes: str, besi
         return
     beside = replace(beside, ghost=None, ghost_name="")
     tracks.sort(key=lambda track: track.changes[-1][1] != "violated")
-    troubled = _troubled_instances(verdict)
+    troubles = _troubles(verdict)
     shown: list[tuple[int, int]] = []
-    for time in dict.fromkeys([moment(run, verdict), *(time for time, _ in troubled)]):
+    for time in dict.fromkeys([moment(run, verdict), *(time for time, *_ in troubles)]):
         tick = round((time - run.start) / run.dt)
         if any(begin <= tick < end for begin, end in shown):
             continue
         begin, end = max(tick - round(_BEFORE / run.dt), 0), min(tick + round(_AFTER / run.dt) + 1, run.steps)
-        title = verdict.message if not shown else next(_event(verdict, i) for t, i in troubled if t == time)
+        title = verdict.message if not shown else next(event for t, event, _ in troubles if t == time)
         shown.append((begin, end))
         part = _part(run, begin, end)
-        marked = [(t, _event(verdict, i)) for t, i in troubled if part.start <= t <= part.start + part.duration]
+        marked = [(t, event) for t, event, _ in troubles if part.start <= t <= part.start + part.duration]
         lines = []
         for track in tracks:
             before = [word for tick, word in track.changes if tick <= begin]
             inside = [(tick - begin, word) for tick, word in track.changes if begin < tick < end]
             if inside:
                 lines.append(replace(track, changes=((0, before[-1]), *inside)))
-        responsible = {name for t, i in troubled if t == time for name in i.responsible}
+        responsible = {name for t, _, names in troubles if t == time for name in names}
         yield Page(time, replay(part, title, notes, marked or [(time, title)], lines, responsible, time, beside))
 
 
@@ -163,16 +163,19 @@ def usual_rules(run: Run) -> tuple[Rule, ...]:
     return rules_for("paper" if run.subject is None and run.excerpt is None else "road", run.junction)
 
 
-def _troubled_instances(verdict: Verdict) -> list[tuple[float, InstanceVerdict]]:
-    """Return the violated, open or unsure instances of a rule that have a time (see `when`), with their times [s]."""
-    timed = [(when(verdict, instance), instance) for instance in verdict.instances if instance.status in _TROUBLE]
-    return [(time, instance) for time, instance in timed if time is not None]
+def _troubles(verdict: Verdict) -> list[tuple[float, str, tuple[str, ...]]]:
+    """Return a time [s], a line of text and the responsible vehicles for each violated, open or unsure instance of a rule.
 
-
-def _event(verdict: Verdict, instance: InstanceVerdict) -> str:
-    """Return the line on an instance of a rule (rule for certain vehicles) for the list of events of a page."""
-    names = ", ".join(name for _, name in instance.binding)
-    return f"{verdict.rule} {instance.status}: {names}{instance.hangs and f', {instance.hangs}'}"
+    Instances without a time (see `when`) are left out.
+    """
+    troubles = []
+    for instance in verdict.instances:
+        time = when(verdict, instance)
+        if instance.status in _TROUBLE and time is not None:
+            names = ", ".join(name for _, name in instance.binding)
+            event = f"{verdict.rule} {instance.status}: {names}{instance.hangs and f', {instance.hangs}'}"
+            troubles.append((time, event, instance.responsible))
+    return troubles
 
 
 def when(verdict: Verdict, instance: InstanceVerdict) -> float | None:
@@ -210,14 +213,11 @@ def timelines(run: Run, rule: str | Rule) -> tuple[Timeline, ...]:
         return ()
     result = []
     for template, states in zip(templates, walked, strict=True):
-        ticks = np.concatenate(([0], np.flatnonzero(np.diff(states)) + 1))
-        changes: list[tuple[int, str]] = []
-        for tick in ticks.tolist():
-            state = int(states[tick])
-            word = _FINAL_WORDS.get(Truth(int(template.machine.output[state])), "due" if state else "watching")
-            if not changes or changes[-1][1] != word:
-                changes.append((tick, word))
-        result.append(Timeline(bound_names(template), tuple(changes)))
+        words = [
+            _FINAL_WORDS.get(Truth(int(output)), "due" if state else "watching")
+            for state, output in enumerate(template.machine.output)
+        ]
+        result.append(Timeline(bound_names(template), tuple(changes(np.array(words)[states]))))
     return tuple(result)
 
 

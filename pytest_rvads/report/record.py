@@ -280,22 +280,16 @@ def received(content: Mapping[str, Any]) -> Record:
 
 def properties(record: Record) -> list[tuple[str, Any]]:
     """Return the properties of a test item for JUnit files, as pairs of name and value."""
-    run_properties: list[tuple[str, Any]]
-    maker_properties: list[tuple[str, Any]] = []
+    pairs: list[tuple[str, Any]] = [("junction", record.junction)]
     if isinstance(record, RecordedItem):
-        run_properties = [("recording", record.recording)]
+        pairs.append(("recording", record.recording))
     else:
-        run_properties = [("class", record.cls), ("scenario", record.scenario), ("configuration", record.cfg)]
-        run_properties += [("rotation", record.rotation)]
-        run_properties += [] if record.seat is None else [("seat", record.seat), ("traffic", record.traffic)]
-        run_properties += [("pedestrians", record.pedestrians)] if record.pedestrians else []
-        maker_properties = [("driver", record.driver), ("simulator", record.simulator)]
-    return [
-        ("junction", record.junction),
-        *run_properties,
-        *([("variant", record.variant)] if record.variant else []),
-        ("rule", record.rule or record.test),
-        ("verdict", record.status.value),
-        *([("change", record.change)] if record.change else []),
-        *maker_properties,
-    ]
+        pairs += [("class", record.cls), ("scenario", record.scenario), ("configuration", record.cfg)]
+        pairs += [("rotation", record.rotation)]
+        pairs += [] if record.seat is None else [("seat", record.seat), ("traffic", record.traffic)]
+        pairs += [("pedestrians", record.pedestrians)] if record.pedestrians else []
+    pairs += [("variant", record.variant)] if record.variant else []
+    pairs += [("rule", record.rule or record.test), ("verdict", record.status.value)]
+    pairs += [("change", record.change)] if record.change else []
+    pairs += [("driver", record.driver), ("simulator", record.simulator)] if isinstance(record, SimulatedItem) else []
+    return pairs

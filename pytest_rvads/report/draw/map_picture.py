@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
 from pytest_rvads.geometry.analysis import JunctionReport
 from pytest_rvads.geometry.control import JunctionControl, Sign
-from pytest_rvads.geometry.crosswalks import Crosswalk
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.network import Edge, gathered
 from pytest_rvads.geometry.paths import walk
@@ -20,7 +20,7 @@ from pytest_rvads.geometry.road_map import RoadMap
 from pytest_rvads.geometry.turns import UTURN, turn_word
 from pytest_rvads.geometry.ways import Key
 from pytest_rvads.report.draw.scene import TURNS
-from pytest_rvads.report.draw.svg import arrow, document, marks, polyline, sign, text, wrap
+from pytest_rvads.report.draw.svg import Points, arrow, document, marks, polyline, sign, text, wrap
 
 _PANEL, _COLUMNS, _HEAD, _LEGEND = 360.0, 3, 78.0, 900.0
 _LINE, _LETTERS, _LINES = 12.0, 66, 12
@@ -44,7 +44,30 @@ _REASONS = {
     Reason.UNDECIDED: "undecided at a flat angle",
 }
 
-Project = Callable[[float, float], tuple[float, float]]
+
+class _View(NamedTuple):
+    """The part of a map that a panel shows: a square, given by its middle and half its side [m]."""
+
+    x: float
+    y: float
+    reach: float
+
+    @property
+    def scale(self) -> float:
+        """Pixels per metre."""
+        return _PANEL / 2 / self.reach
+
+    def place(self, points: ArrayLike) -> Points:
+        """Return points of the map in the panel, shape ``(..., 2)`` [px]."""
+        return _PANEL / 2 + (np.asarray(points) - (self.x, self.y)) * (self.scale, -self.scale)
+
+    def near(self, points: Points) -> Points:
+        """Return the points of a line near the panel; the frame of the panel clips the line."""
+        close = np.abs(points - (self.x, self.y)).max(axis=1) <= 1.5 * self.reach
+        keep = close.copy()
+        keep[1:] |= close[:-1]
+        keep[:-1] |= close[1:]
+        return points[keep] if keep.sum() >= 2 else points
 
 
 def draw_map(road_map: RoadMap) -> str:
@@ -57,7 +80,7 @@ def draw_map(road_map: RoadMap) -> str:
     words = [word for word in TURNS if word != UTURN or word in drawn]
     body = [
         text(12, 24, f"{road_map.path}: {count}, {usable} usable", font_size=15, font_weight="bold"),
-        _legend(12, 44, words),
+        _legend(words),
     ]
     y = _HEAD
     for begin in range(0, len(reports), columns):
@@ -82,15 +105,15 @@ def draw_map(road_map: RoadMap) -> str:
     return document(max(columns * _PANEL, _LEGEND), y, body, defs)
 
 
-def _legend(x: float, y: float, words: Iterable[str]) -> str:
-    parts, left = [], x
+def _legend(words: Iterable[str]) -> str:
+    x, y, parts = 12, 44, []
     for word in words:
         parts.append(f'<path d="M{x:g} {y - 4:g}h24" stroke="{TURNS[word]}" stroke-width="2" marker-end="url(#{word})"/>')
         parts.append(text(x + 30, y, word))
         x += 95
     dashed = f'<path d="M{x:g} {y - 4:g}h24" stroke="#333" stroke-width="2" stroke-dasharray="{_DASHES}"/>'
     parts.append(dashed + text(x + 30, y, "gives way to somebody"))
-    x, y = left, y + 20
+    x, y = 12, y + 20
     for mark, label, width in (
         (_number(x + 8, y - 4, "0"), "entrance", 95),
         (sign(Sign.STOP, x + 103, y - 4, 7), "stop", 65),
@@ -143,36 +166,36 @@ def _panel(road_map: RoadMap, report: JunctionReport, junction: Junction | None)
     inside = [edges[id] for id in dict.fromkeys(id for way in report.movements for id in way.path.edges)]
     corners = np.vstack([[(arm.x, arm.y) for arm in report.arms], *(edge.points for edge in inside)])
     low, high = corners.min(axis=0), corners.max(axis=0)
-    x, y = (low + high) / 2
-    reach = max(float((high - low).max()) / 2, _SMALLEST / 2) + _MARGIN
-    scale = _PANEL / 2 / reach
-
-    def place(east: float, north: float) -> tuple[float, float]:
-        return _PANEL / 2 + (east - x) * scale, _PANEL / 2 - (north - y) * scale
-
-    roads = _roads(road_map, report, reach)
+    x, y = ((low + high) / 2).tolist()
+    view = _View(x, y, max(float((high - low).max()) / 2, _SMALLEST / 2) + _MARGIN)
+    place, scale = view.place, view.scale
+    roads = _roads(road_map, report, view.reach)
     parts = ['<rect width="100%" height="100%" fill="#f4f4ee"/>']
     for extra, colour in ((0.5, "#999"), (0.0, "#cfcfcf")):
         for edge in (*inside, *roads):
+            line = place(view.near(edge.points))
             width = max((max(edge.width, 1.0) + extra) * scale, 1.0)
-            parts.append(
-                polyline((place(*p) for p in _points_near(edge.points, x, y, reach)), stroke=colour, stroke_width=f"{width:.1f}")
-            )
-    parts += _painted(road_map, report, place, reach)
-    for crosswalk in road_map.crossings.get(report.id, ()):
-        parts += _striped(crosswalk, place, scale)
+            parts.append(polyline(line, stroke=colour, stroke_width=f"{width:.1f}"))
+    parts += _painted(road_map, report, view)
+    for crosswalk in road_map.crossings.get(report.id, ()):  # the border of its painted area, and stripes along the lanes
+        path = crosswalk.path
+        across = np.array([-1.0, 1.0]) * (path.points[1] - path.points[0])[::-1] / path.length
+        width = float(np.ptp(crosswalk.area @ across)) * scale
+        stripes = {"class": "crosswalk", "stroke": "#fff", "stroke_width": f"{width:.1f}"}
+        parts.append(polyline(place(np.vstack([crosswalk.area, crosswalk.area[:1]])), stroke="#fff", stroke_width=1))
+        parts.append(polyline(place(path.points), **stripes, stroke_dasharray=f"{_STRIPE * scale:.1f}"))
     for edge in roads:
-        parts += _directions(edge, place, x, y, reach)
+        parts += _directions(edge, view)
     yields = _yields(junction).items() if junction else ()
     yielding = {way for (way, _), reason in yields if reason is not Reason.UNDECIDED}
     for way in report.movements:
-        line = [place(*p) for id in way.path.edges for p in edges[id].points]
+        line = place(np.vstack([edges[id].points for id in way.path.edges]))
         word = turn_word(report, way)
         dashes = _DASHES if (way.entrance, way.exit) in yielding else None
         end = f"url(#{word})"
         parts.append(polyline(line, stroke=TURNS[word], stroke_width=1.5, marker_end=end, stroke_dasharray=dashes))
     for entrance in range(len(report.entrances)):
-        parts += _posted(road_map, report, entrance, place, scale)
+        parts += _posted(road_map, report, entrance, view)
     parts.append(f'<path d="M10 {_PANEL - 10:g}h{10 * scale:.1f}m0 -3v6m-{10 * scale:.1f} 0v-6" stroke="#333" fill="none"/>')
     parts.append(text(10, _PANEL - 16, "10 m", font_size=10))
     return "".join(parts)
@@ -193,19 +216,9 @@ def _roads(road_map: RoadMap, report: JunctionReport, reach: float) -> list[Edge
     return list(lanes.values())
 
 
-def _points_near(points: NDArray[np.float64], x: float, y: float, reach: float) -> Iterable[tuple[float, float]]:
-    """Return the points of a line near the panel; the frame of the panel clips the line."""
-    distance = np.maximum(np.abs(points[:, 0] - x), np.abs(points[:, 1] - y))
-    close = distance <= 1.5 * reach
-    keep = close.copy()
-    keep[1:] |= close[:-1]
-    keep[:-1] |= close[1:]
-    return [(float(a), float(b)) for a, b in (points[keep] if keep.sum() >= 2 else points)]
-
-
-def _directions(edge: Edge, place: Project, x: float, y: float, reach: float) -> list[str]:
+def _directions(edge: Edge, view: _View) -> list[str]:
     """Return SVG arrows along a lane of a road, within the panel."""
-    parts = []
+    parts, (x, y, reach) = [], view
     apart, size = max(_ARROWS, reach / 4), max(1.0, reach / 40)
     covered = 0.0
     for (ax, ay), (bx, by) in pairwise(edge.points.tolist()):
@@ -217,13 +230,13 @@ def _directions(edge: Edge, place: Project, x: float, y: float, reach: float) ->
             along = apart * k - covered
             px, py = ax + along * ux, ay + along * uy
             if along < step and max(abs(px - x), abs(py - y)) <= reach:
-                line = [place(px, py), place(px + size * ux, py + size * uy)]
+                line = view.place([(px, py), (px + size * ux, py + size * uy)])
                 parts.append(polyline(line, stroke=_NO_TURN, stroke_width=1.2, marker_end="url(#way)"))
         covered += step
     return parts
 
 
-def _painted(road_map: RoadMap, report: JunctionReport, place: Project, reach: float) -> list[str]:
+def _painted(road_map: RoadMap, report: JunctionReport, view: _View) -> list[str]:
     """Return SVG elements of the marks between the lanes of the arms."""
     parts, edges = [], road_map.graph.edges
     for arm in report.arms:
@@ -233,58 +246,45 @@ def _painted(road_map: RoadMap, report: JunctionReport, place: Project, reach: f
             for line, broken in marks(
                 [lane.points for lane in lanes], width, left_hand=report.left_hand, centre=upstream or not arm.entrances
             ):
-                near = [place(*p) for p in _points_near(line, arm.x, arm.y, 2 * reach)]
+                near = view.place(_View(arm.x, arm.y, 2 * view.reach).near(line))
                 parts.append(polyline(near, stroke="#fff", stroke_width=1.2, stroke_dasharray="8 8" if broken else None))
     return parts
 
 
-def _striped(crosswalk: Crosswalk, place: Project, scale: float) -> list[str]:
-    """Return SVG elements of the stripes of a crosswalk, along the lanes, and of the border of its painted area."""
-    corners = [place(*corner) for corner in (*crosswalk.area.tolist(), crosswalk.area[0].tolist())]
-    path = crosswalk.path
-    across = np.array([-1.0, 1.0]) * (path.points[1] - path.points[0])[::-1] / path.length
-    width = float(np.ptp(crosswalk.area @ across)) * scale
-    ends = [place(*point) for point in path.points.tolist()]
-    stripes = {"class": "crosswalk", "stroke": "#fff", "stroke_width": f"{width:.1f}"}
-    return [
-        polyline(corners, stroke="#fff", stroke_width=1),
-        polyline(ends, **stripes, stroke_dasharray=f"{_STRIPE * scale:.1f}"),
-    ]
-
-
-def _posted(road_map: RoadMap, report: JunctionReport, entrance: int, place: Project, scale: float) -> list[str]:
+def _posted(road_map: RoadMap, report: JunctionReport, entrance: int, view: _View) -> list[str]:
     """Return SVG elements of an entrance: stopping line, number, arrow and light; at the kerb also the sign of the arm."""
     end = report.entrances[entrance]
     edge, many = road_map.graph.edges[end.edge], len(report.arms[end.arm].entrances) > 1
     (ex, ey), heading = edge.points[-1].tolist(), edge.end_heading
     ux, uy = math.cos(heading), math.sin(heading)
     half, back = max(edge.width, 2.0) / 2, report.setbacks[entrance]
-    bar = [place(ex - back * ux + side * half * uy, ey - back * uy - side * half * ux) for side in (-1, 1)]
-    parts = [polyline(bar, stroke="#c00", stroke_width=3)]
-    parts.append(_number(*place(ex - (back + 16 / scale) * ux, ey - (back + 16 / scale) * uy), str(entrance)))
-    turns = {way.turn for way in report.movements if way.entrance == entrance}
-    if many or len({way.exit for way in report.movements if way.entrance == entrance}) < report.ways - 1:
-        behind = back + 44 / scale
-        px, py = place(ex - behind * ux, ey - behind * uy)
+
+    def place(behind: float, aside: float = 0.0) -> tuple[float, float]:
+        """Return a point behind the end of the lane and to its right in the panel [px]."""
+        px, py = view.place((ex - behind * ux + aside * uy, ey - behind * uy - aside * ux)).tolist()
+        return px, py
+
+    parts = [polyline([place(back, -half), place(back, half)], stroke="#c00", stroke_width=3)]
+    parts.append(_number(*place(back + 16 / view.scale), str(entrance)))
+    ways = [way for way in report.movements if way.entrance == entrance]
+    if many or len({way.exit for way in ways}) < report.ways - 1:
+        px, py = place(back + 44 / view.scale)
         turned = f"translate({px:.1f} {py:.1f}) rotate({-math.degrees(heading):.1f}) scale(4.5)"
-        parts.append(
-            f'<path class="arrow" transform="{turned}" d="{arrow(turns)}" fill="none" stroke="#222" stroke-width=".35"/>'
-        )
-    kerb = half + 9 / scale if not report.left_hand else -half - 9 / scale
+        sides = arrow({way.turn for way in ways})
+        parts.append(f'<path class="arrow" transform="{turned}" d="{sides}" fill="none" stroke="#222" stroke-width=".35"/>')
+    kerb = half + 9 / view.scale
     kind = report.signs[entrance]
     if kind is Sign.LIGHTS and many:
-        parts.append(_light(*place(ex + 11 / scale * ux, ey + 11 / scale * uy)))
+        parts.append(_light(*place(-11 / view.scale)))
     elif kind is Sign.LIGHTS or end.lane == 0:
-        post = place(ex - back * ux + kerb * uy, ey - back * uy - kerb * ux)
+        post = place(back, -kerb if report.left_hand else kerb)
         parts.append(_light(*post) if kind is Sign.LIGHTS else sign(kind, *post, 7))
     return parts
 
 
 def _number(x: float, y: float, label: str) -> str:
-    size = 11 if len(label) < 3 else 9
-    return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="8" fill="#000"/>' + text(
-        x, y + 4, label, fill="#fff", text_anchor="middle", font_size=size
-    )
+    name = text(x, y + 4, label, fill="#fff", text_anchor="middle", font_size=11 if len(label) < 3 else 9)
+    return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="8" fill="#000"/>{name}'
 
 
 def _light(x: float, y: float) -> str:

@@ -111,9 +111,9 @@ def replay(
         "kinds": [a.kind for a in run.agents],
         "inks": colours,
         "motion": _motion(run, run.zone != Zone.ABSENT, run.pose, run.station, run.speed),
-        "zones": [_changes(run.zone[:, i]) for i in range(len(run.agents))],
+        "zones": [changes(run.zone[:, i]) for i in range(len(run.agents))],
         "entrances": _light_names(run),
-        "lights": [_changes(run.lights[:, e]) for e in range(run.lights.shape[1])],
+        "lights": [changes(run.lights[:, e]) for e in range(run.lights.shape[1])],
         "tracks": [(track.label, track.changes) for track in tracks],
         "responsible": [a.name for a in run.agents if a.name in responsible],
         "marked": times,
@@ -190,7 +190,7 @@ def events(run: Run) -> list[tuple[float, str]]:
         words = {Zone.ENTRANCE: "at entrance {0}", Zone.JUNCTION: "enters the junction", Zone.EXIT: "leaves by exit {1}"}
         if agent.way.key not in junction.movements:
             words = {Zone.ENTRANCE: "comes to the {2}", Zone.JUNCTION: "enters the {2}", Zone.EXIT: "leaves the {2}"}
-        what, zones, back = agent.way.kind, _changes(run.zone[:, column]), list[tuple[int, int]]()
+        what, zones, back = agent.way.kind, changes(run.zone[:, column]), list[tuple[int, int]]()
         if isinstance(agent.way, Crossing):
             back = [row for before, row in pairwise(zones) if row[1] == Zone.ENTRANCE and before[1] == Zone.JUNCTION]
             for tick, _ in back:
@@ -202,7 +202,7 @@ def events(run: Run) -> list[tuple[float, str]]:
             if zone in words and (tick, zone) not in back and not unrecorded:
                 add(tick, f"{agent.name} {words[Zone(zone)].format(label(junction, agent.entrance), out[agent.exit], what)}")
     for entrance, name in enumerate(_light_names(run)):
-        for tick, colour in _changes(run.lights[:, entrance])[1:] if name else []:
+        for tick, colour in changes(run.lights[:, entrance])[1:] if name else []:
             add(tick, f"light {name} turns {Colour(colour).name.lower()}")
     touch = "touch, by their places and sizes," if run.collisions is None else "collide"
     rows += [(run.start + c.time, f"{c.agents[0]} and {c.agents[1]} {touch} at {c.speed:.1f} m/s") for c in _collisions(run)]
@@ -227,10 +227,10 @@ def _collisions(run: Run) -> tuple[Collision, ...]:
         return ()
 
 
-def _changes(values: NDArray[np.int8]) -> list[tuple[int, int]]:
+def changes(values: NDArray[Any]) -> list[tuple[int, Any]]:
     """Return tick and value of the first element of a series, and of every element that differs from the element before."""
-    ticks = np.concatenate(([0], np.flatnonzero(np.diff(values)) + 1))
-    return [(int(tick), int(values[tick])) for tick in ticks]
+    ticks = [0, *(np.flatnonzero(values[1:] != values[:-1]) + 1).tolist()]
+    return list(zip(ticks, values[ticks].tolist(), strict=True))
 
 
 def _motion(run: Run, there: NDArray[np.bool_], pose: Array, *further: Array) -> list[list[list[float] | None]]:
