@@ -66,10 +66,9 @@ class _Session:
 
     def page(self, record: Record) -> Path:
         """Return the path of the replay page of a failure, whether the page exists or not."""
-        from pytest_rvads.report.folders import shown
         from pytest_rvads.support.storage import slug
 
-        return shown(self.folder, slug(record.nodeid))
+        return self.folder / f"{slug(record.nodeid)}.html"
 
     def unseen(self, record: Record) -> str:
         """Return the reason why no replay of a failure can be drawn; empty if a replay can be drawn."""

@@ -114,7 +114,7 @@ def failure_pages(run: Run, verdict: Verdict, rule: str | Rule, notes: str, besi
     with suppress(FormulaError):  # no rule has this name
         known_rule = get_rule(rule)
         title, formula = f"{known_rule.name}: {known_rule.title}".removesuffix(": "), known_rule.text
-        tracks = _tracks(run, known_rule)
+        tracks = [track for track in timelines(run, known_rule) if track.moved]
     beside = replace(beside, facts=_completed(run, title, formula, beside.facts))
     if run.excerpt is None:
         time, message = moment(run, verdict), verdict.message
@@ -184,51 +184,25 @@ def when(verdict: Verdict, instance: InstanceVerdict) -> float | None:
     return None if tick is None else round(verdict.start + tick * verdict.dt, 9)
 
 
-@dataclass(frozen=True, slots=True)
-class Timeline:
-    """The states of one monitor along a run; the monitor watches the rule for certain vehicles and entrances."""
-
-    binding: tuple[tuple[str, str], ...]
-    """Variables of the rule, and the names of the elements that the variables stand for."""
-    changes: tuple[tuple[int, str], ...]
-    """Pairs of tick and new state of the monitor.
-
-    The states are ``watching`` (no obligation is due, every verdict is possible), ``due`` (an obligation is due), ``violated``
-    and ``satisfied`` (both final, whatever happens later). The LTL3 verdicts of the four states are ?, ?, F and T.
-    """
-
-    @property
-    def moved(self) -> bool:
-        """Whether the monitor was in a state other than ``watching`` at any tick of the run."""
-        return len(self.changes) > 1 or self.changes[0][1] != "watching"
-
-
-def timelines(run: Run, rule: str | Rule) -> tuple[Timeline, ...]:
-    """Return a timeline per choice of vehicles and entrances for a rule; none if the run lacks a quantity that the rule needs."""
+def timelines(run: Run, rule: str | Rule) -> tuple[Track, ...]:
+    """Return the states of a rule's monitor per choice of vehicles and entrances; none if the run lacks a needed quantity."""
+    vehicles = {agent.name for agent in run.agents}
     rule, run = get_rule(rule), without_jumps(run)
     templates = prepare(rule.formula, extract(run), rule.bound).templates
     try:
         walked = walk(templates, Values(run, rule.tie))
     except RunError:
         return ()
-    result = []
+    tracks = []
     for template, states in zip(templates, walked, strict=True):
         words = [
             _FINAL_WORDS.get(Truth(int(output)), "due" if state else "watching")
             for state, output in enumerate(template.machine.output)
         ]
-        result.append(Timeline(bound_names(template), tuple(changes(np.array(words)[states]))))
-    return tuple(result)
-
-
-def _tracks(run: Run, rule: Rule) -> list[Track]:
-    """Return a track (states over time) per monitor of a rule that left the state ``watching``."""
-    vehicles = {agent.name for agent in run.agents}
-    return [
-        Track(f"{rule.name} {', '.join(value for _, value in line.binding if value in vehicles)}", line.changes)
-        for line in timelines(run, rule)
-        if line.moved
-    ]
+        binding = bound_names(template)
+        label = f"{rule.name} {', '.join(name for _, name in binding if name in vehicles)}"
+        tracks.append(Track(label, tuple(changes(np.array(words)[states])), binding))
+    return tuple(tracks)
 
 
 def _part(run: Run, begin: int, end: int) -> Run:

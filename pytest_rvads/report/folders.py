@@ -76,11 +76,6 @@ def option(folder: Path) -> str:
     return f"--session {folder.name if numbered else quoted(folder.as_posix())}"
 
 
-def shown(folder: Path, name: str) -> Path:
-    """Return the path of the replay page of a failed test item."""
-    return folder / f"{name}.html"
-
-
 def run_file(folder: Path, digest: str) -> Path:
     """Return the path of the file of a run."""
     if not _HASH.fullmatch(digest):

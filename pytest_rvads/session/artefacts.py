@@ -56,7 +56,7 @@ def look(item: pytest.Item, run: Run, verdict: Verdict, rule: str | Rule, notes:
 
     An error while saving or drawing becomes the text of the result, because a picture never costs a verdict.
     """
-    from pytest_rvads.report.folders import option, shown
+    from pytest_rvads.report.folders import option
 
     drawn = item.config.stash.setdefault(_DRAWN, Counter())
     session = item.config.stash[FOLDER]
@@ -71,7 +71,7 @@ def look(item: pytest.Item, run: Run, verdict: Verdict, rule: str | Rule, notes:
     try:
         from pytest_rvads.report.failure_page import failure_pages, failure_picture, moment
 
-        path = shown(folder, slug(item.nodeid))
+        path = folder / f"{slug(item.nodeid)}.html"
         page = next(failure_pages(run, verdict, rule, notes, around()))
         write_file(path, page.html.encode())
         image = failure_picture(run, verdict)

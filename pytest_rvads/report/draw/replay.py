@@ -57,11 +57,22 @@ class Beside:
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """A value that changes over time, such as the state of a rule's monitor."""
+    """The states of a rule's monitor along a run; the monitor watches the rule for certain vehicles and entrances."""
 
     label: str
     changes: tuple[tuple[int, str], ...]
-    """Ticks and new values; the words ``watching``, ``due``, ``violated`` and ``satisfied`` have colours."""
+    """Pairs of tick and new state of the monitor.
+
+    The states are ``watching`` (no obligation is due, every verdict is possible), ``due`` (an obligation is due), ``violated``
+    and ``satisfied`` (both final, whatever happens later). The LTL3 verdicts of the four states are ?, ?, F and T.
+    """
+    binding: tuple[tuple[str, str], ...] = ()
+    """Variables of the rule, and the names of the elements that the variables stand for."""
+
+    @property
+    def moved(self) -> bool:
+        """Whether the monitor was in a state other than ``watching`` at any tick of the run."""
+        return len(self.changes) > 1 or self.changes[0][1] != "watching"
 
 
 def replay(
@@ -127,6 +138,11 @@ def replay(
         "back": beside.back,
         "ghost": None if beside.ghost is None else _ghost_data(run, beside.ghost, beside.ghost_name or "the earlier run"),
     }
+    parts = []
+    for table, lines in groupby(notes.split("\n"), key=lambda line: line.startswith(" ")):
+        text = markup("\n".join(lines))
+        # The lines of a table scroll together, so that columns stay columns.
+        parts.append(f'<span class="table" tabindex="0">{text}</span>' if table else text)
     return webpage(
         "draw/replay.html",
         title,
@@ -135,17 +151,8 @@ def replay(
         style=STYLE,
         scene=f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{left:.2f} {top:.2f} {wide:.2f} {high:.2f}">'
         f"{scene.road()}{scene.lights(run.lights[0])}{_outlines(beside.ghost)}{trails}{bodies}</svg>",
-        notes=_notes_html(notes),
+        notes="\n".join(parts),
     )
-
-
-def _notes_html(notes: str) -> str:
-    """Return notes as HTML; the lines of a table, which begin with a space, scroll together, so that columns stay columns."""
-    parts = []
-    for table, lines in groupby(notes.split("\n"), key=lambda line: line.startswith(" ")):
-        text = markup("\n".join(lines))
-        parts.append(f'<span class="table" tabindex="0">{text}</span>' if table else text)
-    return "\n".join(parts)
 
 
 def opening(run: Run) -> float:
