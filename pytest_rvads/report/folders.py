@@ -61,7 +61,17 @@ def claimed(root: Path, token: str, keep: int = KEPT) -> Path:
             # Another process may have made this folder before and renamed the folder to its number.
             if folder := _session_folder(root, token):
                 return folder
-            numbered = _numbered_anew(root, part, token)
+            # The marker file is written before the move: the file system does not replace a folder that is not empty, so no
+            # session takes the number of another session.
+            (part / _MARKER).write_text(token, encoding="utf-8")
+            while True:
+                numbered = root / str(max(_numbered_folders(root), default=0) + 1)
+                try:
+                    part.rename(numbered)
+                    break
+                except OSError:
+                    if not numbered.exists():  # an existing folder means that another session has taken this number
+                        raise
         finally:
             _remove(part)
         _point(root, numbered, token)
@@ -103,22 +113,6 @@ def _session_folder(root: Path, token: str) -> Path | None:
             if (folder / _MARKER).read_text(encoding="utf-8") == token:
                 return folder
     return None
-
-
-def _numbered_anew(root: Path, part: Path, token: str) -> Path:
-    """Move the new folder of a session to the next free number, and return the new path.
-
-    The marker file is written before the move: the file system does not replace a folder that is not empty, so no session takes
-    the number of another session.
-    """
-    (part / _MARKER).write_text(token, encoding="utf-8")
-    while True:
-        folder = root / str(max(_numbered_folders(root), default=0) + 1)
-        try:
-            return part.rename(folder)
-        except OSError:
-            if not folder.exists():  # an existing folder means that another session has taken this number
-                raise
 
 
 def _point(root: Path, folder: Path, token: str) -> None:

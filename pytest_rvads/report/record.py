@@ -67,7 +67,6 @@ class _Item(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, tag_f
     line: Count
     """Line of the test function in its file."""
     test: str
-    """Name of the test function."""
     ways: Count
     """Number of arms of the junction."""
     junction: str
@@ -214,8 +213,11 @@ def planned_record(
     nodeid: str, line: int, test: str, keys: Mapping[str, Any], ways: int, requirements: Sequence[str] = ()
 ) -> Record:
     """Return the record of a planned test item, before the item runs."""
-    defaults = {} if "recording" in keys else _DEFAULTS
-    kind: type[Record] = RecordedItem if "recording" in keys else SimulatedItem
+    kind: type[Record] = RecordedItem
+    further: dict[str, Any] = {"rule": None, **keys}
+    if "recording" not in keys:
+        kind = SimulatedItem
+        further = {"cls": 0, "scenario": "", "cfg": "", "rotation": 0, "seat": None, "traffic": None, "driver": "", **further}
     return kind(
         nodeid=nodeid,
         line=line,
@@ -227,12 +229,8 @@ def planned_record(
         known=None,
         outcome="",
         message="",
-        **{"rule": None, **defaults, **keys},
+        **further,
     )
-
-
-_DEFAULTS = {"cls": 0, "scenario": "", "cfg": "", "rotation": 0, "seat": None, "traffic": None, "driver": ""}
-"""Default values of fields of a simulated item, for fields that the keys of `planned_record` do not contain."""
 
 
 def conclude(
@@ -252,8 +250,7 @@ def conclude(
     xfail expected the failure. A skipped test is NOT RUN. A failed test always counts as a failure.
     """
     short_verdicts = tuple(replace(verdict, explanation="") for verdict in verdicts)
-    outcomes = [verdict.outcome for verdict in verdicts]
-    worst = min(outcomes, key=lambda verdict_outcome: verdict_outcome.severity, default=None)
+    worst = min((verdict.outcome for verdict in verdicts), key=lambda result: result.severity, default=None)
     if outcome != "failed":
         ran = Outcome.FAIL if known else Outcome.NOT_RUN if outcome == "skipped" else Outcome.PASS
         status = worst or (ran if when == "call" else Outcome.NOT_RUN)

@@ -18,6 +18,7 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from dataclasses import dataclass, field
+from operator import itemgetter
 
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.outcome import Outcome
@@ -222,7 +223,7 @@ class ByCause(ByText):
         The first violation of a run explains later failures, unless only other vehicles are to blame. The first violation also
         explains every open obligation: if a crash ends a run, other vehicles still wait at their lights.
         """
-        runs: dict[str, list[tuple[_Part, Verdict]]] = defaultdict(list)
+        runs: dict[str, list[tuple[tuple[bool, float, str], _Part, Verdict]]] = defaultdict(list)
         for number, (record, text) in enumerate(self._chosen):
             verdict = verdict_of(record)
             if verdict is None:
@@ -234,12 +235,14 @@ class ByCause(ByText):
             # Violations of a rule that no vehicle could have kept are one cause, whatever their status.
             part = _Part(number, ("" if verdict.unavoidable else record.status, text), text, record, verdict)
             if record.hash and not verdict.unavoidable:
-                runs[record.ran_as].append((part, verdict))
+                # An obligation becomes overdue at the end of the run, whenever it began.
+                due = record.status is Outcome.OPEN, math.inf if verdict.time is None else verdict.time, record.asks
+                runs[record.ran_as].append((due, part, verdict))
             else:
                 yield part
         for failures in runs.values():
             first_failures: list[tuple[_Part, set[str]]] = []
-            for part, verdict in sorted(failures, key=_due):
+            for _, part, verdict in sorted(failures, key=itemgetter(0)):
                 # Vehicles that are to blame for any instance, and vehicles that are to blame for the first instance.
                 to_blame = set(verdict.responsible)
                 first_to_blame = set(verdict.instances[0].responsible if verdict.instances else verdict.responsible)
@@ -254,16 +257,6 @@ class ByCause(ByText):
                 else:
                     first_failures.append((part, first_to_blame))
             yield from (part for part, _ in first_failures)
-
-
-def _due(failure: tuple[_Part, Verdict]) -> tuple[bool, float, str]:
-    """Return the key by which failures of a run are sorted: violations by their times [s], then open obligations.
-
-    An obligation becomes overdue at the end of the run, whenever it began. Failures at the same time are ordered by the names of
-    their rules.
-    """
-    record, time = failure[0].record, failure[1].time
-    return record.status is Outcome.OPEN, math.inf if time is None else time, record.asks
 
 
 def _variant(record: Record) -> tuple[str, str]:
