@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -78,8 +79,7 @@ _FINAL_WORDS = {Truth.FALSE: "violated", Truth.TRUE: "satisfied"}
 """Names of the states of a monitor in which the verdict is final."""
 
 
-@dataclass(frozen=True, slots=True)
-class Page:
+class Page(NamedTuple):
     """A replay page about a failed verdict."""
 
     time: float
@@ -110,12 +110,21 @@ def failure_pages(run: Run, verdict: Verdict, rule: str | Rule, notes: str, besi
     were present in these seconds.
     """
     beside, tracks = beside or Beside(), list[Track]()
-    title, formula = str(rule), ""
+    traffic, driver = run.provenance.get("traffic"), str(run.provenance.get("autopilot") or "")
+    texts = {
+        "scenario": run.label,
+        "driven by": f"{driver}, {run.subject} alone; the others by {traffic}" if traffic and run.subject else driver,
+        "simulated by": str(run.provenance.get("simulator") or ""),
+        "rule": str(rule),
+        "formula": "",
+        "rerun": "",
+    }
     with suppress(FormulaError):  # no rule has this name
         known_rule = get_rule(rule)
-        title, formula = f"{known_rule.name}: {known_rule.title}".removesuffix(": "), known_rule.text
+        texts |= {"rule": f"{known_rule.name}: {known_rule.title}".removesuffix(": "), "formula": known_rule.text}
         tracks = [track for track in timelines(run, known_rule) if track.moved]
-    beside = replace(beside, facts=_completed(run, title, formula, beside.facts))
+    texts |= dict(beside.facts)
+    beside = replace(beside, facts=tuple((word, text) for word, text in texts.items() if text))
     if run.excerpt is None:
         time, message = moment(run, verdict), verdict.message
         marked = [(time, message)] if verdict.status in _TROUBLE else []
@@ -142,20 +151,6 @@ def failure_pages(run: Run, verdict: Verdict, rule: str | Rule, notes: str, besi
                 lines.append(replace(track, changes=((0, before[-1]), *inside)))
         responsible = {name for t, _, names in troubles if t == time for name in names}
         yield Page(time, replay(part, title, notes, marked or [(time, title)], lines, responsible, time, beside))
-
-
-def _completed(run: Run, rule: str, formula: str, known_facts: tuple[tuple[str, str], ...]) -> tuple[tuple[str, str], ...]:
-    """Return the facts on a run, with missing facts added from the run and the rule; unknown facts are left out."""
-    traffic, driver = run.provenance.get("traffic"), str(run.provenance.get("autopilot") or "")
-    facts_of_run = {
-        "scenario": run.label,
-        "driven by": f"{driver}, {run.subject} alone; the others by {traffic}" if traffic and run.subject else driver,
-        "simulated by": str(run.provenance.get("simulator") or ""),
-        "rule": rule,
-        "formula": formula,
-        "rerun": "",
-    }
-    return tuple((word, text) for word, text in (facts_of_run | dict(known_facts)).items() if text)
 
 
 def usual_rules(run: Run) -> tuple[Rule, ...]:
@@ -213,13 +208,12 @@ def _part(run: Run, begin: int, end: int) -> Run:
     columns = [name for name in (*ARRAYS, "spread") if name != "lights" and getattr(run, name) is not None]
     shift = begin * run.dt
     within = [c for c in run.collisions or () if begin <= round(c.time / run.dt) < end and names.issuperset(c.agents)]
-    touched = tuple(replace(collision, time=collision.time - shift) for collision in within)
     return replace(
         run,
         lights=run.lights[span],
         **{name: getattr(run, name)[span][:, present] for name in columns},
         agents=tuple(run.agents[column] for column in present),
-        collisions=None if run.collisions is None else touched,
+        collisions=None if run.collisions is None else tuple(replace(c, time=c.time - shift) for c in within),
         fault=None if run.fault is None else replace(run.fault, time=run.fault.time - shift),
         excerpt=None if run.excerpt is None else replace(run.excerpt, start=run.start + shift),
     )
