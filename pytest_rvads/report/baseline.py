@@ -2,7 +2,7 @@
 
 A safety margin is a time: the time by which the vehicle that a rule obliges kept the rule, the shortest time to collision of the
 run, or the shortest post-encroachment time of the run. All items of a run share the indicators of the run, so erosion is reported
-once per run, for its first item.
+once per run, for its first item, and not if an item of the run is NEW.
 
 A margin has eroded if it has fallen by more than 0.5 s and is now below its threshold from the literature (`MATTERS`).
 """
@@ -38,11 +38,7 @@ _Fall = tuple[str, float, float]
 
 
 def compare(report: Report, baseline: Report, name: str, gone: Callable[[str], bool], *, same: bool = True) -> Comparison:
-    """Return what changed between a baseline and a session.
-
-    Erosion is reported once per run, for the first item of the run with an eroded margin, and not if an item of the run is NEW.
-    The other items of the run are UNCHANGED.
-    """
+    """Return what changed between a baseline and a session; the items of an ERODED run after the first are UNCHANGED."""
     before = {record.nodeid: record for record in baseline.records}
     changes: list[Change] = []
     # By run, the position in `changes` and the eroded margins of every item with eroded margins.

@@ -91,7 +91,14 @@ def blocks(corner: str, labels: Sequence[str], columns: Sequence[Column], width:
         most = max(min(label_width, width // 3), min(label_width, word + _INDENT))
         label_width = max(cell_len(line) for text in (corner, *labels) for line in wrapped(text, most, _INDENT))
         if 1 + label_width + gap + max(_longest(text) for column in columns for text in column.texts) > width:
-            return [_as_list(corner, labels, columns, width)]
+            # As a list: the name of each row, followed by its cells with their headings.
+            lines: list[Text] = []
+            for number, label in enumerate(labels):
+                lines += [Text(f" {line}") for line in wrapped(f"{corner} {label}", width - 1, _INDENT)]
+                cells = [f"{' '.join(filter(None, c.heads))}: {c.cells[number].text}" for c in columns if c.cells[number].text]
+                parts = wrapped("; ".join(cells), width - 1 - _INDENT, _INDENT)
+                lines += [Text(f"{' ' * (1 + _INDENT)}{line}") for line in parts]
+            return [Block(tuple(range(len(columns))), tuple(lines))]
     room = width - 1 - label_width
     widths = [min(column_width, room - gap) for column_width in widths]
     result = []
@@ -149,13 +156,3 @@ def _block_lines(
     for number, label in enumerate(labels):
         add_row(label, [column.cells[number] for column, _ in shown])
     return tuple(lines)
-
-
-def _as_list(corner: str, labels: Sequence[str], columns: Sequence[Column], width: int) -> Block:
-    """Return a table as a list: the name of each row, followed by its cells with their headings."""
-    lines: list[Text] = []
-    for number, label in enumerate(labels):
-        lines += [Text(f" {line}") for line in wrapped(f"{corner} {label}", width - 1, _INDENT)]
-        texts = [f"{' '.join(filter(None, c.heads))}: {c.cells[number].text}" for c in columns if c.cells[number].text]
-        lines += [Text(f"{' ' * (1 + _INDENT)}{line}") for line in wrapped("; ".join(texts), width - 1 - _INDENT, _INDENT)]
-    return Block(tuple(range(len(columns))), tuple(lines))

@@ -138,10 +138,7 @@ class Matrices:
         ]
 
     def after(self, earlier: Matrices, changed: Container[Place]) -> list[Matrix]:
-        """Return the matrices of this session merged with the matrices of an earlier session, in the order of this session.
-
-        A cell has the outcomes in both sessions, or `SAME`.
-        """
+        """Return the matrices of this session; a cell has its outcomes in an earlier session and in this session, or `SAME`."""
         matrices = []
         for title in {**self._counts, **earlier._counts}:
             old, new = earlier._counts.get(title, {}), self._counts.get(title, {})
@@ -187,10 +184,7 @@ def _entry(verdicts: _Counts) -> Entry:
 
 
 def _matrix(title: str, first_record: Record, digits: int, entries: Mapping[_Spot, Entry]) -> Matrix:
-    """Return a verdict matrix; variants follow each other, and equal rows of a variant are merged.
-
-    A matrix that is too large to be read has no rows.
-    """
+    """Return a verdict matrix, in which equal rows of a variant are merged; a matrix that is too large to be read has no rows."""
     columns = tuple(sorted({column for _, column in entries}))
     # The natural order of names puts version 10 after version 9.
     rows = sorted({row for row, _ in entries}, key=lambda row: (natural(row[0]), *row))

@@ -19,10 +19,7 @@ _SKIPPED = (Outcome.NA, Outcome.UNSURE, Outcome.NOT_RUN)
 
 
 def summed(verdicts: Iterable[Verdict]) -> tuple[tuple[str, str, str], ...]:
-    """Return rule, outcome and message of each verdict, the worst verdict first, as `Beside.others` holds them.
-
-    The outcome of a provoked or unavoidable violation is PROVOKED or UNAVOIDABLE.
-    """
+    """Return rule, outcome and message of each verdict, the worst verdict first, as `Beside.others` holds them."""
     ordered = sorted(verdicts, key=lambda verdict: verdict.outcome.severity)
     return tuple((verdict.rule, verdict.outcome.value, verdict.message) for verdict in ordered)
 
@@ -59,8 +56,7 @@ def kept_run(folder: Path, record: Record) -> Path:
 def measured(run: Run) -> dict[str, Any]:
     """Return the fields of a record on the drivers of a run: ``timing`` and ``excess``, each None if no driver has entries."""
     fields: dict[str, Any] = {}
-    kinds: dict[str, type[Any]] = {"timing": Computing, "excess": Excess}
-    for name, kind in kinds.items():
+    for name, kind in (("timing", Computing), ("excess", Excess)):
         entry, by_vehicle = run.provenance.get(name), {}
         for vehicle, value in entry.items() if isinstance(entry, Mapping) else ():
             with suppress(msgspec.ValidationError):
