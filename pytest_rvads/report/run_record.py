@@ -15,8 +15,6 @@ from pytest_rvads.report.record import AgentRecord, Computing, Excess, Record, R
 from pytest_rvads.runs.run import Run
 from pytest_rvads.support.storage import slug
 
-_SKIPPED = (Outcome.NA, Outcome.UNSURE, Outcome.NOT_RUN)
-
 
 def summed(verdicts: Iterable[Verdict]) -> tuple[tuple[str, str, str], ...]:
     """Return rule, outcome and message of each verdict, the worst verdict first, as `Beside.others` holds them."""
@@ -75,7 +73,8 @@ def by_rule(run_record: Record) -> Iterator[Record]:
         start = kind(
             **shared | {"nodeid": f"{run_record.nodeid}-{verdict.rule}", "rule": verdict.rule, "requirements": requirements}
         )
-        outcome = "failed" if result.bad else "skipped" if result in _SKIPPED else "passed"
+        idle = result in (Outcome.NA, Outcome.UNSURE, Outcome.NOT_RUN)
+        outcome = "failed" if result.bad else "skipped" if idle else "passed"
         error = Outcome.ERROR if result is Outcome.ERROR else None
         # The reason for a missing verdict has the same text for every rule, so that all such failures of a run have one cause.
         text = verdict.reason or verdict.message if error else verdict.message

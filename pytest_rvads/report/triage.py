@@ -138,8 +138,9 @@ class _Part:
     signature: Hashable
     text: str
     record: Record
-    verdict: Verdict | None = None
-    """The verdict of the failure; None if the failure is grouped by a text alone."""
+    title: str = ""
+    roles: str | None = None
+    """Roles of the responsible vehicles; None if the failure has no verdict, or is grouped by a text alone."""
     explained: list[Record] = field(default_factory=list)
 
 
@@ -171,44 +172,40 @@ class ByText:
         groups: dict[Hashable, list[_Part]] = {}
         for part in self._parts():
             groups.setdefault(part.signature, []).append(part)
-        ranked = []
-        for parts in groups.values():
-            example = min(parts, key=lambda part: part.number)
-            records = [record for part in parts for record in (part.record, *part.explained)]
-            errors = any(record.status in (Outcome.ERROR, Outcome.FLAKY) for record in records)
-            grave = -1 if errors else gravity(record.asks for record in records)
-            ranked.append(((grave, -len(records), example.number), self._cause(parts, example, records, junctions)))
-        return [cause for _, cause in sorted(ranked, key=lambda entry: entry[0])]
+        ranked = [self._ranked(parts, junctions) for parts in groups.values()]
+        return [cause for _, cause in sorted(ranked, key=itemgetter(0))]
 
-    def _cause(self, parts: list[_Part], example: _Part, records: list[Record], junctions: bool) -> Cause:
-        """Return the cause of the failures of a group, of which `example` was the first."""
+    def _ranked(self, parts: list[_Part], junctions: bool) -> tuple[tuple[int, int, int], Cause]:
+        """Return the cause of the failures of a group after its rank among the causes."""
+        example = min(parts, key=lambda part: part.number)
+        records = [record for part in parts for record in (part.record, *part.explained)]
+        errors = any(record.status in (Outcome.ERROR, Outcome.FLAKY) for record in records)
+        grave = -1 if errors else gravity(record.asks for record in records)
         roles_by_run: dict[str, str | None] = {}
         for part in parts:
-            roles_by_run.setdefault(part.record.ran_as, None if part.verdict is None else part.verdict.roles)
+            roles_by_run.setdefault(part.record.ran_as, part.roles)
         roles = Counter(run_roles for run_roles in roles_by_run.values() if run_roles is not None)
-        text, rule = example.text, example.record.asks
-        title, example_roles = ("", "") if example.verdict is None else (example.verdict.title, example.verdict.roles)
-        if len(roles) == 1 and example_roles:
-            text = f"{text} ({example_roles})"
+        rule = example.record.asks
         rules = sorted(dict.fromkeys((rule, *(record.asks for record in records))), key=lambda name: gravity((name,)))
         places = {_variant(record) for record in records}
         variants = {variant for _, variant in places}
         if "" in variants or variants >= set().union(*(self._variants[test] for test, _ in places)):
             variants = set()
         seats = {seat for seat in map(_seat, records) if seat is not None}
-        return Cause(
+        cause = Cause(
             rules=tuple(rules),
-            text=text,
+            text=f"{example.text} ({example.roles})" if len(roles) == 1 and example.roles else example.text,
             nodeids=tuple(record.nodeid for record in records[:_IDS]),
             count=len(records),
             runs=len(roles_by_run),
             example=example.record.nodeid,
             roles=roles.most_common(1)[0][0] if len(roles) > 1 else "",
             junctions=len({part.record.junction for part in parts}) if junctions else 0,
-            title=title if rules[0] == rule else "",
+            title=example.title if rules[0] == rule else "",
             seats=tuple(sorted(seats)) if len(seats) <= _SEATS and seats < self._seats else (),
             variants=tuple(sorted(variants, key=natural)),
         )
+        return (grave, -len(records), example.number), cause
 
 
 class ByCause(ByText):
@@ -233,7 +230,7 @@ class ByCause(ByText):
                 yield _Part(number, (record.status, rule, _VARIES.sub("#", text)), text, record)
                 continue
             # Violations of a rule that no vehicle could have kept are one cause, whatever their status.
-            part = _Part(number, ("" if verdict.unavoidable else record.status, text), text, record, verdict)
+            part = _Part(number, ("" if verdict.unavoidable else record.status, text), text, record, verdict.title, verdict.roles)
             if record.hash and not verdict.unavoidable:
                 # An obligation becomes overdue at the end of the run, whenever it began.
                 due = record.status is Outcome.OPEN, math.inf if verdict.time is None else verdict.time, record.asks
