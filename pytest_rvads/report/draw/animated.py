@@ -127,21 +127,19 @@ def filmed(run: Run, scene: Scene, responsible: Collection[str], around: float |
 
     With `around`, the film begins when a responsible vehicle comes into view, at most 1 s before the vehicle comes to its line.
     """
-    last = run.steps - 1
-    still = last if around is None else min(max(round((around - run.start) / run.dt), 0), last)
-    begin = 0
+    last, begin, hold = run.steps - 1, 0, 0.0
+    still = end = min(last, round(_LONGEST / run.dt))
     if around is not None:
+        still, hold = min(max(round((around - run.start) / run.dt), 0), last), _HOLD
         begin = max(still - round(min(before, _LONGEST) / run.dt), 0)
         about = [column for column, agent in enumerate(run.agents) if agent.name in responsible]
         visible = np.any([_in_view(run, scene, column, still)[begin:still] for column in about], axis=0)
         begin += int(visible.argmax()) if about and len(visible) else 0  # argmax is 0 if no vehicle came into view
         arrived = (run.zone[: still + 1, about] >= Zone.ENTRANCE).any(axis=1)
         begin = max(begin, int(arrived.argmax()) - round(_APPROACH / run.dt))  # likewise if no vehicle came to its line
-    end = min(last, round(_LONGEST / run.dt)) if around is None else min(still + round(min(after, _LONGEST) / run.dt), last)
-    still = min(still, end)
+        end = min(still + round(min(after, _LONGEST) / run.dt), last)
     every = max(round(1 / _RATE / run.dt), 1)
     ticks = sorted({*range(begin, end + 1, every), still, end})
-    hold = 0.0 if around is None else _HOLD
     times = [(tick - begin) * run.dt + (hold if tick > still else 0.0) for tick in ticks]
     # The picture stands still between two keyframes of the same state.
     place = ticks.index(still)

@@ -38,10 +38,6 @@ _LAMP = 1.8
 """On arms with several lanes, a light hangs over its lane this far beyond the stopping line [m]."""
 _POST = 3.2
 """Signs and lights at the kerb stand this far before the stopping line [m]."""
-_SMALL, _EDGE = 1.3, ' stroke="#fff" stroke-width=".12"'
-"""Height of the name of a pedestrian [m], and the edge of the circle, which is seen on dark asphalt."""
-_HALO = ' stroke="#fff" stroke-width=".4" stroke-linejoin="round" paint-order="stroke"'
-"""The edge of the name of a pedestrian, so that the name is readable on asphalt, stripes and vehicles."""
 _NAME, _ROOM = 1.8, 3
 """Height of a name [m], and most letters of a name across a vehicle; a longer name is written along the vehicle."""
 
@@ -190,9 +186,11 @@ def body(
     kind = "" if agent.kind is Kind.CAR else f"<title>{agent.kind} {name}</title>"
     corner, edge = _CORNERS.get(agent.kind, width / 2), ""
     if agent.kind is Kind.PEDESTRIAN:
-        edge = _EDGE
+        # White edges: the circle is seen on dark asphalt, and the name is readable on asphalt, stripes and vehicles.
+        edge = ' stroke="#fff" stroke-width=".12"'
         inner = (
-            f'<text font-size="{_SMALL:g}" text-anchor="middle" font-weight="bold" fill="{colour}"{_HALO} '
+            f'<text font-size="1.3" text-anchor="middle" font-weight="bold" fill="{colour}" stroke="#fff" stroke-width=".4" '
+            'stroke-linejoin="round" paint-order="stroke" '
             f'transform="translate({-length / 2:g} 0) rotate({degrees(heading):.2f})" y="{-width / 2 - 0.2:.2f}">'
             f"{'' if '+' in name else name}</text>"
         )
