@@ -18,6 +18,7 @@ from pytest_rvads.geometry.crosswalks import Crossing, Parking, Side
 from pytest_rvads.logic.conduct.blocks import tick_of
 from pytest_rvads.logic.conduct.bodies import contacts
 from pytest_rvads.report.draw.scene import STYLE, Scene, body, inks, label, placed, size
+from pytest_rvads.report.draw.svg import Points
 from pytest_rvads.report.webpage import webpage
 from pytest_rvads.runs.divergence import diverge
 from pytest_rvads.runs.run import Collision, Run
@@ -25,7 +26,6 @@ from pytest_rvads.runs.states import Colour, Zone
 from pytest_rvads.support.errors import RunError
 from pytest_rvads.support.wording import markup
 
-Array = NDArray[np.float64]
 _SEEN = 0.1
 """Two runs differ visibly if the positions of a vehicle in the two runs are this far apart [m]."""
 _EVERY = 5
@@ -240,7 +240,7 @@ def changes(values: NDArray[Any]) -> list[tuple[int, Any]]:
     return list(zip(ticks, values[ticks].tolist(), strict=True))
 
 
-def _motion(run: Run, there: NDArray[np.bool_], pose: Array, *further: Array) -> list[list[list[float] | None]]:
+def _motion(run: Run, there: NDArray[np.bool_], pose: Points, *further: Points) -> list[list[list[float] | None]]:
     """Return every `_EVERY`-th state of every vehicle, with headings without jumps by 2 pi; None for an absent vehicle.
 
     `there` says whether each vehicle is present, shape ``(steps, agents)``.

@@ -248,6 +248,7 @@ def picture(run: Run, tick: int, title: str, broken: Collection[str] = ()) -> st
         raise RunError(f"run {run.label!r} holds no positions, so there is nothing to draw")
     scene = Scene(run.junction)
     left, top, wide, high = scene.view
+    top, high = top - 5, high + 5  # room for the title
     parts = [scene.road(), scene.lights(run.lights[tick])]
     colours = inks(run.agents)
     for column, colour in enumerate(colours):
@@ -257,12 +258,17 @@ def picture(run: Run, tick: int, title: str, broken: Collection[str] = ()) -> st
     for column, agent in enumerate(run.agents):
         if run.here[tick, column]:
             parts.append(body(run.pose[tick, column], agent, size(run, column), colours[column], agent.name in broken))
+    parts.append(f'<rect x="{left:.2f}" y="{top:.2f}" width="{wide:.2f}" height="5" fill="#fff"/>')
+    parts.append(f'<text class="title" x="{left + 1:.2f}" y="{top + 3.5:.2f}">{markup(title)}</text>')
+    return _document(left, top, wide, high, parts) + "\n"
+
+
+def _document(left: float, top: float, wide: float, high: float, parts: Iterable[str]) -> str:
+    """Return an SVG document of a part of the road in SVG coordinates [m], with 10 pixels per metre."""
     return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{wide * 10:.0f}" height="{(high + 5) * 10:.0f}" '
-        f'viewBox="{left:.2f} {top - 5:.2f} {wide:.2f} {high + 5:.2f}"><style>{STYLE}</style>'
-        f'<rect x="{left:.2f}" y="{top - 5:.2f}" width="{wide:.2f}" height="{high + 5:.2f}" fill="#fff"/>'
-        f'{"".join(parts)}<rect x="{left:.2f}" y="{top - 5:.2f}" width="{wide:.2f}" height="5" fill="#fff"/>'
-        f'<text class="title" x="{left + 1:.2f}" y="{top - 1.5:.2f}">{markup(title)}</text></svg>\n'
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{wide * 10:.0f}" height="{high * 10:.0f}" '
+        f'viewBox="{left:.2f} {top:.2f} {wide:.2f} {high:.2f}"><style>{STYLE}</style>'
+        f'<rect x="{left:.2f}" y="{top:.2f}" width="{wide:.2f}" height="{high:.2f}" fill="#fff"/>{"".join(parts)}</svg>'
     )
 
 
@@ -290,15 +296,9 @@ def still(
     """Return an SVG document of a road with elements on the road; `corners` are further points that it must show [m]."""
     points = np.vstack([*scene.core, *np.reshape(corners, (-1, 2))])
     low, high = points.min(axis=0) - _BEYOND, points.max(axis=0) + _BEYOND
-    (left, bottom), (wide, tall) = low, high - low
-    top = bottom + tall
-    key = "".join(
-        f'<text class="title" x="{left + 1:.2f}" y="{-top + 3 + 3 * k:.2f}" style="fill:{ink}">{markup(word)}</text>'
+    (left, _), (wide, tall), top = low, high - low, -high[1]
+    key = [
+        f'<text class="title" x="{left + 1:.2f}" y="{top + 3 + 3 * k:.2f}" style="fill:{ink}">{markup(word)}</text>'
         for k, (word, ink) in enumerate(legend)
-    )
-    return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{wide * 10:.0f}" height="{tall * 10:.0f}" '
-        f'viewBox="{left:.2f} {-top:.2f} {wide:.2f} {tall:.2f}"><style>{STYLE}</style>'
-        f'<rect x="{left:.2f}" y="{-top:.2f}" width="{wide:.2f}" height="{tall:.2f}" fill="#fff"/>'
-        f"{scene.road()}{''.join(parts)}{key}</svg>"
-    )
+    ]
+    return _document(left, top, wide, tall, [scene.road(), *parts, *key])
