@@ -189,11 +189,11 @@ def _panel(road_map: RoadMap, report: JunctionReport, junction: Junction | None)
     yields = _yields(junction).items() if junction else ()
     yielding = {way for (way, _), reason in yields if reason is not Reason.UNDECIDED}
     for way in report.movements:
-        line = place(np.vstack([edges[id].points for id in way.path.edges]))
+        course = [point for id in way.path.edges for point in place(edges[id].points)]
         word = turn_word(report, way)
         dashes = _DASHES if (way.entrance, way.exit) in yielding else None
         end = f"url(#{word})"
-        parts.append(polyline(line, stroke=TURNS[word], stroke_width=1.5, marker_end=end, stroke_dasharray=dashes))
+        parts.append(polyline(course, stroke=TURNS[word], stroke_width=1.5, marker_end=end, stroke_dasharray=dashes))
     for entrance in range(len(report.entrances)):
         parts += _posted(road_map, report, entrance, view)
     parts.append(f'<path d="M10 {_PANEL - 10:g}h{10 * scale:.1f}m0 -3v6m-{10 * scale:.1f} 0v-6" stroke="#333" fill="none"/>')
