@@ -45,11 +45,6 @@ class Column:
     group: Hashable = None
     """Name of a group: neighbouring columns of a group stay in one block if the width allows."""
 
-    @property
-    def texts(self) -> tuple[str, ...]:
-        """The texts of all headings and cells of the column."""
-        return (*self.heads, *(cell.text for cell in self.cells))
-
 
 @dataclass(frozen=True, slots=True)
 class Block:
@@ -81,16 +76,18 @@ def blocks(corner: str, labels: Sequence[str], columns: Sequence[Column], width:
     if not columns:
         return []
     label_width = max(map(cell_len, (corner, *labels)))
-    widths = []
+    widths, longest_word = [], 0
     for column in columns:  # as wide as the longest text, or as the longest word if the texts are long
-        most = max(_PLEASANT, max(map(_longest, column.texts)))
-        widths.append(max(cell_len(line) for text in column.texts for line in wrapped(text, most)))
+        texts = [*column.heads, *(cell.text for cell in column.cells)]
+        word = max(map(_longest, texts))
+        longest_word = max(longest_word, word)
+        widths.append(max(cell_len(line) for text in texts for line in wrapped(text, max(_PLEASANT, word))))
     gap = _GAPS[1 + label_width + sum(_GAPS[0] + column_width for column_width in widths) > width]
     if 1 + label_width + sum(gap + column_width for column_width in widths) > width:
         word = max(_longest(text) for text in (corner, *labels))
         most = max(min(label_width, width // 3), min(label_width, word + _INDENT))
         label_width = max(cell_len(line) for text in (corner, *labels) for line in wrapped(text, most, _INDENT))
-        if 1 + label_width + gap + max(_longest(text) for column in columns for text in column.texts) > width:
+        if 1 + label_width + gap + longest_word > width:
             # As a list: the name of each row, followed by its cells with their headings.
             lines: list[Text] = []
             for number, label in enumerate(labels):

@@ -46,10 +46,9 @@ _OWN = (*_GRAVE[2:], "p4", "full_stop", "speed_limit", "keep_lane", "on_route", 
 
 def verdict_of(record: Record) -> Verdict | None:
     """Return the verdict from which a record has its status; None if the status comes from an error or an exception."""
-    status = record.status
-    if status is Outcome.ERROR:
+    if record.status is Outcome.ERROR:
         return None
-    return next((verdict for verdict in record.verdicts if status in (verdict.outcome, verdict.status)), None)
+    return next((verdict for verdict in record.verdicts if record.status in (verdict.outcome, verdict.status)), None)
 
 
 def violated(record: Record) -> str:
