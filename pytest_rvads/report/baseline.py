@@ -153,21 +153,14 @@ def _eroded_margins(items: Sequence[Sequence[_Fall]]) -> str:
 
 def _falls(record: Record, before: Record) -> list[_Fall]:
     """Return the eroded safety margins of a test item, i.e. margins that fell below their thresholds."""
-    now, then = _margins(record), _margins(before)
-    return [
-        (f"margin of {record.asks}" if name == "margin" else name, then[name], value)
-        for name, value in now.items()
-        if name in then and value < MATTERS[name] and then[name] - value > _EROSION
-    ]
-
-
-def _margins(record: Record) -> dict[str, float]:
-    """Return the safety margins of a test item [s], by name; a larger margin is safer."""
-    waits = [-i.margin for verdict in record.verdicts for i in verdict.instances if i.margin is not None]
-    kpis = record.kpis
-    margins = {
-        "ttc": kpis.ttc if kpis else None,
-        "pet": kpis.pet if kpis else None,
-        "margin": min(waits, default=None),
-    }
-    return {name: value for name, value in margins.items() if value is not None}
+    margins: list[dict[str, float | None]] = []
+    for item in (before, record):
+        waits = [-i.margin for verdict in item.verdicts for i in verdict.instances if i.margin is not None]
+        ttc, pet = (item.kpis.ttc, item.kpis.pet) if item.kpis else (None, None)
+        margins.append({"ttc": ttc, "pet": pet, "margin": min(waits, default=None)})
+    falls = []
+    for name, threshold in MATTERS.items():
+        then, now = (item_margins[name] for item_margins in margins)
+        if then is not None and now is not None and now < threshold and then - now > _EROSION:
+            falls.append((f"margin of {record.asks}" if name == "margin" else name, then, now))
+    return falls
