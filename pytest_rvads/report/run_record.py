@@ -45,10 +45,10 @@ def took_part(run: Run) -> tuple[AgentRecord, ...]:
 
 def kept_run(folder: Path, record: Record) -> Path:
     """Return the path of the file in which `folder` keeps the run of a test item; it is named as the item without its rule."""
-    run = record.run or ""
-    end = record.nodeid.find(run) + len(run)
-    further = record.nodeid[end:].replace(f"-{record.rule}", "", 1) if record.rule else record.nodeid[end:]
-    return folder / f"{slug(record.nodeid[:end] + further)}.npz"
+    before, run, after = record.nodeid.partition(record.run or record.nodeid)
+    if record.rule:
+        after = after.replace(f"-{record.rule}", "", 1)
+    return folder / f"{slug(before + run + after)}.npz"
 
 
 def measured(run: Run) -> dict[str, Any]:
