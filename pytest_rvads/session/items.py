@@ -219,7 +219,7 @@ def _publish(item: pytest.Item, record: Record, report: pytest.TestReport) -> No
     item.stash[RECORD] = record
     report.rvads = sent(record)  # type: ignore[attr-defined]
     if report.failed:
-        from pytest_rvads.report.faults import first_line, signature
+        from pytest_rvads.report.triage import first_line, signature
 
         report.rvads_short = repr(signature(record)), first_line(record)  # type: ignore[attr-defined]
     # A repeated item replaces its properties.

@@ -364,32 +364,6 @@ def test_streamed_records_render_like_a_tuple(form: str) -> None:
         assert written(form, lazy) == written(form, whole)
 
 
-@pytest.mark.parametrize("form", [".json", ".csv", "terminal"])
-def test_memory_grows_by_a_fraction_of_what_the_records_take(form: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(matrix, "_MOST", 100)  # what tables take is bounded, but larger than this
-
-    def peak(records: Collection[Record]) -> int:
-        report = Report(records)
-        tracemalloc.start()
-        try:
-            for _ in [told(report)] if form == "terminal" else FORMATS[form](report, Path()):
-                pass
-            return tracemalloc.get_traced_memory()[1]
-        finally:
-            tracemalloc.stop()
-
-    def size(runs: int) -> int:
-        tracemalloc.start()
-        try:
-            kept = tuple(Stream(runs))
-            return tracemalloc.get_traced_memory()[0] if kept else 0
-        finally:
-            tracemalloc.stop()
-
-    peak(Stream(500))  # what is imported and cached on first use
-    assert peak(Stream(500)) - peak(Stream(100)) < (size(500) - size(100)) / 2
-
-
 def test_rows_come_in_the_order_of_requirements() -> None:
     long = "x" * 2000
     wanted = ["B", "A", "", "C"]
