@@ -82,6 +82,17 @@ def first_line(record: Record) -> str:
     return record.message.strip().partition("\n")[0]
 
 
+def signature(record: Record) -> Hashable:
+    """Return a key that is equal for records with the same cause, without the parts of messages that differ."""
+    verdict, text = verdict_of(record), violated(record)
+    if verdict is not None:
+        # Violations of a rule that no vehicle could have kept are one cause, whatever their status.
+        return "" if verdict.unavoidable else record.status, text
+    # A fault of a stack is one cause, whatever rules would have judged its runs. So is a stack that is not deterministic.
+    rule = "" if record.status in (Outcome.ERROR, Outcome.FLAKY) else record.asks
+    return record.status, rule, _VARIES.sub("#", text)
+
+
 def gravity(rules: Iterable[str]) -> int:
     """Return the rank of the gravest of some rules in the order of causes; a lower rank is graver."""
     return min((_GRAVE.index(rule) for rule in rules if rule in _GRAVE), default=len(_GRAVE))
@@ -223,13 +234,9 @@ class ByCause(ByText):
         for number, (record, text) in enumerate(self._chosen):
             verdict = verdict_of(record)
             if verdict is None:
-                # A fault of a stack is one cause, whatever rules would have judged its runs. So is a stack that is not
-                # deterministic.
-                rule = "" if record.status in (Outcome.ERROR, Outcome.FLAKY) else record.asks
-                yield _Part(number, (record.status, rule, _VARIES.sub("#", text)), text, record)
+                yield _Part(number, signature(record), text, record)
                 continue
-            # Violations of a rule that no vehicle could have kept are one cause, whatever their status.
-            part = _Part(number, ("" if verdict.unavoidable else record.status, text), text, record, verdict.title, verdict.roles)
+            part = _Part(number, signature(record), text, record, verdict.title, verdict.roles)
             if record.hash and not verdict.unavoidable:
                 # An obligation becomes overdue at the end of the run, whenever it began.
                 due = record.status is Outcome.OPEN, math.inf if verdict.time is None else verdict.time, record.asks
