@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from operator import itemgetter
+from typing import NamedTuple
 
 from rich.console import Console
 from rich.text import Text
@@ -108,21 +109,17 @@ def summarise(report: Report, *, colour: bool, width: int, unicode: bool, full: 
     return Summary(verdicts.text(), causes.text(), last)
 
 
-class _Table:
+class _Table(NamedTuple):
     """A table, divided into blocks of columns that fit on a terminal; rows are left out unless everything is to be shown."""
 
-    def __init__(self, title: str, what: str, parts: Sequence[Part], hidden: Sequence[str]) -> None:
-        self.title, self.what, self.parts = title, what, parts
-        self.hidden = hidden
-        """The rows or tables left out so far, in words."""
-        self.wrong: tuple[bool, ...] = (False,) * len(parts)
-        """Per block, whether the block contains failures."""
-        self.below: tuple[list[str], ...] = tuple([] for _ in parts)
-        """Per block, the lines below its table; each line is printed once."""
-
-    def rank(self, k: int) -> tuple[bool, int]:
-        """Return a sort key of block `k`: blocks with failures first; first blocks of all tables precede second blocks."""
-        return not self.wrong[k], self.wrong[:k].count(self.wrong[k])
+    title: str
+    parts: Sequence[Part]
+    hidden: str
+    """The rows left out, in words; empty if none are."""
+    wrong: Sequence[bool]
+    """Per block, whether the block contains failures."""
+    below: Sequence[list[str]]
+    """Per block, the lines below its table; each line is printed once."""
 
     def height(self, k: int) -> int:
         """Return the number of lines of a block of columns, including its title and the lines below its table."""
@@ -148,48 +145,38 @@ class _Screen:
     def lines(self, texts: Iterable[str]) -> None:
         """Print lines, each broken at spaces if it is too long."""
         for text in texts:
-            self.lines_as_they_are(wrapped(_fit(text, self._length), self._width, 4))
-
-    def lines_as_they_are(self, texts: Iterable[str]) -> None:
-        """Print lines without line breaks, even lines that are wider than the terminal."""
-        for line in texts:
-            self._print_line(line)
+            for line in wrapped(_fit(text, self._length), self._width, 4):
+                self._print_line(line)
 
     def tables(self, table_blocks: Sequence[RollUp | Verdicts]) -> None:
         """Render as many blocks of tables as fit on a screen, but at least one; blocks with failures come first."""
         tables: list[_Table] = []
         for block in table_blocks:
-            match block:
-                case RollUp(sums):
-                    tables += self._sums_tables(sums)
-                case Verdicts(matrix):
-                    tables.append(self._matrix_table(matrix))
-        shown_blocks = self._shown_blocks(tables)
-        shown = [
-            (table, [k for k in range(len(table.parts)) if (number, k) in shown_blocks]) for number, table in enumerate(tables)
-        ]
-        hidden_tables = [table for table, parts in shown if table.parts and not parts]
-        for table, parts in shown:
-            if parts or not table.parts:
-                self._print_table(table, parts)
-        if hidden_tables:
-            self._print_line(f"... and {plural(len(hidden_tables), 'more table')}: {self._more}\n")
-        if shown:
-            self._print_legend(table_blocks)
-
-    def _shown_blocks(self, tables: Sequence[_Table]) -> set[tuple[int, int]]:
-        """Return the blocks of columns that fit on a screen, each as the numbers of its table and of the block."""
-        all_blocks = [(number, k) for number, table in enumerate(tables) for k in range(len(table.parts))]
-        if self._full:
-            return set(all_blocks)
+            tables += self._sums_tables(block.sums) if isinstance(block, RollUp) else [self._matrix_table(block.matrix)]
+        # First blocks of all tables precede second blocks.
+        ranked = sorted(
+            (not wrong, table.wrong[:k].count(wrong), number, k)
+            for number, table in enumerate(tables)
+            for k, wrong in enumerate(table.wrong)
+        )
         shown: set[tuple[int, int]] = set()
         lines = 0
-        for number, k in sorted(all_blocks, key=lambda block: tables[block[0]].rank(block[1])):
+        for *_, number, k in ranked:
             lines += tables[number].height(k)
-            if shown and lines > _LINES:
+            if shown and lines > _LINES and not self._full:
                 break
             shown.add((number, k))
-        return shown
+        hidden_tables = 0
+        for number, table in enumerate(tables):
+            parts = [k for k in range(len(table.parts)) if (number, k) in shown]
+            if parts or not table.parts:
+                self._print_table(table, parts)
+            hidden_tables += bool(table.parts and not parts)
+        if hidden_tables:
+            self._print_line(f"... and {plural(hidden_tables, 'more table')}: {self._more}\n")
+        if explanations := "; ".join(legend(table_blocks)):
+            self._print_paragraph(explanations)
+            self._print_line("")
 
     def _print_table(self, table: _Table, parts: Sequence[int]) -> None:
         if table.title:
@@ -197,11 +184,11 @@ class _Screen:
         for k in parts:
             for line in table.parts[k].lines:
                 self._console.print(line, soft_wrap=True)
-        hidden = sum(len(part.columns) for k, part in enumerate(table.parts) if k not in parts)
-        for left_out in (*table.hidden, *([plural(hidden, "more column")] if hidden else [])):
+        columns = sum(len(part.columns) for k, part in enumerate(table.parts) if k not in parts)
+        for left_out in filter(None, (table.hidden, plural(columns, "more column") if columns else "")):
             self._print_paragraph(f"... and {left_out}: {self._more}")
-        self.lines_as_they_are(dict.fromkeys(line for k in parts for line in table.below[k]))
-        self._print_line("")
+        for line in (*dict.fromkeys(line for k in parts for line in table.below[k]), ""):
+            self._print_line(line)
 
     def _matrix_table(self, full_matrix: Matrix) -> _Table:
         matrix = full_matrix if self._full else full_matrix.shortened(_ROWS)
@@ -217,11 +204,10 @@ class _Screen:
         rows = [_fit(label) for label, _ in matrix.rows]
         more = len(full_matrix.rows) - len(rows)
         parts = blocks(matrix.corner, rows, columns, self._width, self._rule) if rows else []
-        table = _Table(matrix.title, "column", parts, [plural(more, "more row")] if more else [])
-        table.wrong = tuple(any(entries[i].bad for _, entries in matrix.rows for i in part.columns) for part in parts)
+        wrong = [any(entries[i].bad for _, entries in matrix.rows for i in part.columns) for part in parts]
         labels = [dict.fromkeys(matrix.columns[i][0] for i in part.columns) for part in parts]
-        table.below = tuple([f" {short[name]} = {name}" for name in names if name in short] for names in labels)
-        return table
+        below = [[f" {short[name]} = {name}" for name in names if name in short] for names in labels]
+        return _Table(matrix.title, parts, plural(more, "more row") if more else "", wrong, below)
 
     def _sums_tables(self, sums: Sequence[Sums]) -> list[_Table]:
         """Return the tables of sums, cut to the largest number of rows per table with which all tables fit on one screen."""
@@ -231,8 +217,6 @@ class _Screen:
             ]
             if sum(table.height(k) for table in tables for k in range(len(table.parts))) <= _LINES:
                 break
-        for table in tables:
-            table.wrong = (True,) * len(table.parts)  # no table of sums is left out before a matrix: sums are cut by rows
         return tables
 
     def _sums_table(self, sums: Sums, most: int | None, title: str) -> _Table:
@@ -243,14 +227,9 @@ class _Screen:
         ]
         parts = blocks(sums.corner, [_fit(row[0]) for row in rows], columns, self._width, self._rule)
         more = len(sums.rows) - len(rows)
-        return _Table(title, "column", parts, [plural(more, f"more {sums.corner}")] if more else [])
-
-    def _print_legend(self, tables: Sequence[RollUp | Verdicts]) -> None:
-        """Print the explanations of words in the tables."""
-        explanations = list(legend(tables))
-        if explanations:
-            self._print_paragraph("; ".join(explanations))
-            self._print_line("")
+        # No table of sums is left out before a matrix: sums are cut by rows.
+        wrong, below = [True] * len(parts), [list[str]() for _ in parts]
+        return _Table(title, parts, plural(more, f"more {sums.corner}") if more else "", wrong, below)
 
     def _print_paragraph(self, text: str) -> None:
         for line in wrapped(text, self._width - 1, 2):
