@@ -243,7 +243,7 @@ def test_facts_and_other_verdicts_stand_beside_it_as_text(opened: Open) -> None:
     badges = [(b.text, b.get_attribute("class")) for b in every(browser, "#others .badge")]
     assert badges == [
         ("\u2717 FAIL", "badge bad"),
-        ("? PROVOKED", "badge doubt"),
+        ("! PROVOKED", "badge doubt"),
         ("\u2713 PASS", "badge good"),
         ("\u2013 NA", "badge none"),
     ]

@@ -3,7 +3,6 @@ const last = run.steps - 1, ink = ["#888", "#1fa34a", "#e0a800", "#d11f1f"], let
 const places = {"-1": "absent", 0: "approach", 1: "entrance", 2: "junction", 3: "exit", 4: "gone"}, colours = ["none", "green", "yellow", "red"];
 const onFoot = {"-1": "absent", 0: "sidewalk", 1: "kerb", 2: "crosswalk", 3: "sidewalk", 4: "gone"};
 const words = run.kinds.map(kind => kind === "pedestrian" ? onFoot : places);
-const marks = {PASS: ["good", "\u2713"], FAIL: ["bad", "\u2717"], ERROR: ["bad", "!"], NA: ["none", "\u2013"]}; // all other statuses are doubtful
 const stage = get("stage"), scene = stage.querySelector("svg");
 const bodies = document.querySelectorAll(".vehicle"), trails = document.querySelectorAll(".trail"), ghosts = document.querySelectorAll(".ghost");
 // Bodies that overlap by their recorded places and sizes may not have touched.
@@ -255,14 +254,14 @@ run.facts.forEach(([word, text]) => {
 get("about").hidden = !run.facts.length;
 const idle = run.others.filter(([, status]) => status === "NA");
 run.others.filter(other => !idle.includes(other)).forEach(([rule, status, message]) => {
-  const [kind, sign] = marks[status] || ["doubt", "?"], item = make("li", get("others"));
+  const [kind, sign] = run.marks[status], item = make("li", get("others"));
   make("b", item, `${sign} ${status}`, `badge ${kind}`);
   const said = message.replace(`${rule} ${status}: `, "");
   make("span", item, said.startsWith(rule) ? said : `${rule}: ${said}`);
 });
 if (idle.length) {
   const item = make("details", make("li", get("others"))), head = make("summary", item);
-  make("b", head, `${marks.NA[1]} NA`, "badge none");
+  make("b", head, `${run.marks.NA[1]} NA`, "badge none");
   head.append(` ${idle.length} not applicable`);
   for (const [, , message] of idle) make("p", item, message);
 }

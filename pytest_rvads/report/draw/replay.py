@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pytest_rvads.geometry.crosswalks import Crossing, Parking, Side
 from pytest_rvads.logic.conduct.blocks import tick_of
 from pytest_rvads.logic.conduct.bodies import contacts
+from pytest_rvads.logic.outcome import MARKS, Outcome
 from pytest_rvads.report.draw.scene import STYLE, Scene, body, inks, label, placed, size
 from pytest_rvads.report.draw.svg import Points
 from pytest_rvads.report.webpage import webpage
@@ -135,6 +136,7 @@ def replay(
         "reach": max(wide, high),
         "facts": beside.facts,
         "others": beside.others,
+        "marks": {outcome: (outcome.mark, MARKS[outcome.mark][0]) for outcome in Outcome},
         "back": beside.back,
         "ghost": None if beside.ghost is None else _ghost_data(run, beside.ghost, beside.ghost_name or "the earlier run"),
     }
