@@ -187,8 +187,8 @@ class _Screen:
         columns = sum(len(part.columns) for k, part in enumerate(table.parts) if k not in parts)
         for left_out in filter(None, (table.hidden, plural(columns, "more column") if columns else "")):
             self._print_paragraph(f"... and {left_out}: {self._more}")
-        for line in (*dict.fromkeys(line for k in parts for line in table.below[k]), ""):
-            self._print_line(line)
+        for text in (*dict.fromkeys(text for k in parts for text in table.below[k]), ""):
+            self._print_line(text)
 
     def _matrix_table(self, full_matrix: Matrix) -> _Table:
         matrix = full_matrix if self._full else full_matrix.shortened(_ROWS)
