@@ -2,7 +2,7 @@
 
 A report also holds the time and the command of the session, and the driver with its file and digest. No verdict depends on these.
 
-The records of a session lie in memory, some 3 kB each: a gigabyte holds 300,000. More runs are a campaign with results on disk,
+The records of a session lie in memory, some 10 kB each: a gigabyte holds 100,000. More runs are a campaign with results on disk,
 whose report keeps only the records in memory that did not pass.
 """
 
