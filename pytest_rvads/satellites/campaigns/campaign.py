@@ -8,13 +8,14 @@ from __future__ import annotations
 import json
 import os
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sized
+from collections.abc import Iterable, Iterator, Sequence, Sized
 from concurrent.futures import Executor
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import asdict
 from functools import partial
 from hashlib import sha256
 from itertools import chain
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
@@ -105,6 +106,33 @@ def campaign(
         raise
     stored.release()
     return stored
+
+
+def continued(
+    cases: Iterable[Case],
+    rules: Sequence[str | Rule],
+    results: Path | None,
+    simulator: Simulator,
+    executor: Executor | int | None,
+    progress: Progress,
+    total: int,
+) -> tuple[Results | None, KeyboardInterrupt | RvadsError | None]:
+    """Judge the cases that an interrupted campaign left; return the results so far, if any, and what cut the campaign short."""
+    try:
+        judged = campaign(cases, rules, executor=executor, results=results, simulator=simulator, progress=progress, total=total)
+    except (KeyboardInterrupt, RvadsError) as stopped:
+        return (reopened(results) if results else None), stopped
+    return judged, None
+
+
+def reopened(path: Path) -> Results | None:
+    """Return the results so far in a file; None without a result."""
+    with suppress(RvadsError, OSError):
+        results = Results(path)
+        if len(results):
+            return results
+        results.close()
+    return None
 
 
 def _judge_all(

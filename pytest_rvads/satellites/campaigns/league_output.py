@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -26,10 +26,9 @@ from pytest_rvads.report.page import rendered
 from pytest_rvads.report.session_report import Report, exit_status
 from pytest_rvads.report.side_by_side import side_by_side
 from pytest_rvads.report.side_by_side_forms import json_of, sections
-from pytest_rvads.satellites.campaigns.campaign import campaign, digest
+from pytest_rvads.satellites.campaigns.campaign import continued, digest, reopened
 from pytest_rvads.satellites.campaigns.league import Config, League, about
 from pytest_rvads.satellites.campaigns.replays import INTERRUPTED, Replays, draw_replays
-from pytest_rvads.satellites.campaigns.resultsfile import Results
 from pytest_rvads.search.critical import Order, critical_starts
 from pytest_rvads.search.trials import Fault, Setting
 from pytest_rvads.simulators.simulator import Simulator, meant, named
@@ -127,27 +126,19 @@ def _judged(
 ) -> Standing:
     """Return the results of a driver; without an executor, which means an interruption, nothing is simulated."""
     notes, sides = list[str](), list[Side]()
-    results: Results | None = None
     with opened_driver(league.config.drivers[name].words()) as driver:
         cases = league.cases(driver)
         key = f"{slug(name)}-{digest(cases.values(), league.rules, simulator, *(line.id for line in league.lines))}"
         file = folder / f"results-{key}.jsonl"
-        try:
-            if executor is None:
-                raise KeyboardInterrupt
-            results = campaign(
-                list(cases.values()),
-                league.rules,
-                executor=executor,
-                results=file,
-                simulator=simulator,
-                progress=partial(progress, what=f"runs of {name}"),
-            )
-        except (KeyboardInterrupt, RvadsError) as error:
-            notes.append(_cut(error))
+        stopped: BaseException | None
+        if executor is None:
+            results, stopped = reopened(file), KeyboardInterrupt()
+        else:
+            shown = partial(progress, what=f"runs of {name}")
+            results, stopped = continued(cases.values(), league.rules, file, simulator, executor, shown, len(cases))
+        if stopped:
+            notes.append(_cut(stopped))
             executor = None
-            with suppress(RvadsError, OSError):  # nothing was judged
-                results = Results(file)
         try:
             sides.extend(_sides(league, name, driver, simulator, folder / f"critical-{key}.json", executor))
         except (KeyboardInterrupt, RvadsError, OSError) as error:

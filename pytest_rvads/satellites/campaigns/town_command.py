@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from pytest_rvads.cli.common import MAP_FORMATS, Subparsers, listed_rules, make_folder, progress, say, show, terminable, warn
 from pytest_rvads.cli.shared_options import declare_driver, declare_rules, opened_driver, opened_executor, program, share
 from pytest_rvads.report.session_report import NOTHING_JUDGED
-from pytest_rvads.support.errors import RvadsError, ScenarioError
+from pytest_rvads.support.errors import ScenarioError
 from pytest_rvads.support.wording import first, plural, quoted
 
 if TYPE_CHECKING:
@@ -172,37 +172,21 @@ def _judge_town(
     """Simulate and judge the runs, write page and reports, also after an interruption, and return the exit status."""
     from pytest_rvads.report.files import save, write
     from pytest_rvads.report.page import page
-    from pytest_rvads.satellites.campaigns.campaign import campaign, digest
+    from pytest_rvads.satellites.campaigns.campaign import continued, digest
     from pytest_rvads.satellites.campaigns.replays import Replays, draw_replays
-    from pytest_rvads.satellites.campaigns.resultsfile import Results
 
     again = _rerun_command(options)
     path = None if options.only else folder / f"results-{digest(town.cases(), town.plan.request.rules, simulator)}.jsonl"
     if path is not None and path.exists():
         warn(f"{path} has results of this town: cases with a result are not simulated again")
-    cut, rules, replays = "", town.plan.request.rules, Replays()
-    try:
-        results = campaign(
-            town.cases(),
-            rules,
-            executor=executor,
-            results=path,
-            simulator=simulator,
-            progress=progress,
-            total=town.runs,
-        )
-    except (KeyboardInterrupt, RvadsError) as stopped:
-        if path is None or not path.exists():
-            raise
-        try:
-            results = Results(path)
-        except (RvadsError, OSError):
-            raise stopped from None
-        if not len(results):
-            results.close()
-            raise
+    rules, cut, replays = town.plan.request.rules, "", Replays()
+    results, stopped = continued(town.cases(), rules, path, simulator, executor, progress, town.runs)
+    if stopped:
+        if results is None:
+            raise stopped
         cut = "interrupted" if isinstance(stopped, KeyboardInterrupt) else str(stopped)
         warn(f"rvads: {cut}")
+    assert results is not None
     with results:
         if not cut:
             replays = draw_replays(
