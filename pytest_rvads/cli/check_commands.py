@@ -123,8 +123,8 @@ def _check_runs(options: argparse.Namespace) -> int:
         status: int = following.follow(options)
         return status
     following.refuse_without(options)
-    from pytest_rvads.cli.check_output import Teller, Totals
-    from pytest_rvads.cli.run_answers import Judge, judged, run_files
+    from pytest_rvads.cli.check_output import Teller
+    from pytest_rvads.cli.run_answers import Judge, judged
 
     folder: str | None = None
     reports: list[Path] = []
@@ -138,14 +138,9 @@ def _check_runs(options: argparse.Namespace) -> int:
     if folder is not None:
         make_folder("-o", Path(folder))
         reports.append(Path(folder) / "index.html")
-    totals, for_program = Totals(), options.json or options.jsonl
-    files = run_files(options.files, totals.trouble)
-    alone = len(options.files) == len(files) == 1
-    judge = Judge(names, options.verbose, alone and not for_program, folder)
-    with (
-        Teller(options, totals, len(files), reports, alone=alone) as teller,
-        closing(judged(files, judge, processes(options, 1))) as batches,
-    ):
-        for batch in batches:
-            teller.tell(batch)
-    return totals.exit_status(for_program=for_program)
+    with Teller(options, reports) as teller:
+        judge = Judge(names, options.verbose, teller.alone and not teller.for_program, folder)
+        with closing(judged(teller.files, judge, processes(options, 1))) as batches:
+            for batch in batches:
+                teller.tell(batch)
+    return teller.exit_status()

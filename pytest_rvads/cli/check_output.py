@@ -14,7 +14,7 @@ from typing import Any
 from msgspec.structs import replace
 
 from pytest_rvads.cli.common import clear, progress, say, warn
-from pytest_rvads.cli.run_answers import NOTABLE, Batch, RunAnswer
+from pytest_rvads.cli.run_answers import NOTABLE, Batch, RunAnswer, run_files
 from pytest_rvads.logic.conduct.kpis import describe
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
 from pytest_rvads.logic.outcome import Outcome
@@ -35,26 +35,6 @@ _MOST_DOUBTS = 20
 """Largest number of warnings that are printed without ``--verbose``."""
 
 
-class Output:
-    """Base class of the formats in which verdicts on runs are printed; a format overrides the methods for what it prints."""
-
-    def run(self, label: str, answer: RunAnswer) -> None:
-        """Print the verdicts on a run."""
-
-    def unread(self, batch: Batch) -> None:
-        """Print that a file could not be read."""
-
-    def close(self) -> None:
-        """Print the end of the output."""
-
-
-def output(options: argparse.Namespace, alone: bool, totals: Totals) -> Output:
-    """Return the output (text, JSON object or JSON lines) that the options choose."""
-    if options.json:
-        return _Object()
-    return _Lines() if options.jsonl else _Text(alone, options.verbose, totals)
-
-
 def line(verdict: Verdict) -> str:
     """Return a line with the status of a verdict and its message, which names the rule."""
     text = verdict.message.removeprefix(f"{verdict.rule} {verdict.status}: ")
@@ -66,28 +46,6 @@ def unsure(verdict: Verdict) -> Iterator[str]:
     doubts = [instance for instance in verdict.instances if instance.status is Status.UNSURE]
     if len(doubts) > 1 or verdict.status is not Status.UNSURE or not verdict.reason:
         yield from (": ".join(filter(None, (", ".join(name for _, name in i.binding), i.hangs))) for i in doubts)
-
-
-class _Text(Output):
-    """Prints text: all verdicts for a single file or with ``--verbose``, and otherwise only the `NOTABLE` verdicts."""
-
-    def __init__(self, alone: bool, verbose: bool, totals: Totals) -> None:
-        self._alone, self._verbose, self._totals, self._excerpts = alone, verbose, totals, False
-
-    def run(self, label: str, answer: RunAnswer) -> None:
-        self._excerpts |= answer.excerpt
-        complete = self._verbose or (self._alone and not answer.excerpt)
-        lines: list[str] = []
-        for verdict in answer.verdicts:
-            if complete or verdict.status in NOTABLE:
-                lines += [line(verdict), *(f"       UNSURE {what}" for what in unsure(verdict))]
-        indicators = [] if answer.kpis is None else list(describe(answer.kpis))
-        if lines or complete or indicators:
-            say("\n  ".join((label, *lines, *indicators)))
-
-    def close(self) -> None:
-        if self._totals.runs and (self._excerpts or not self._alone):
-            say("\n".join(self._totals.lines()))
 
 
 def measured(verdict: Verdict, instance: InstanceVerdict) -> dict[str, Any]:
@@ -109,141 +67,52 @@ def _verdicts(answer: RunAnswer) -> dict[str, Any]:
     return by_rule
 
 
-class _Object(Output):
-    """Prints one JSON object for all runs piece by piece, so that memory does not hold all runs."""
-
-    def __init__(self) -> None:
-        self._write(f'{{"version": {VERSION}')
-
-    def run(self, label: str, answer: RunAnswer) -> None:
-        content = _verdicts(answer) | ({} if answer.kpis is None else {_KPIS: answer.kpis.record()})
-        self._write(f",\n{json.dumps(label)}: {json.dumps(content)}")
-
-    def close(self) -> None:
-        self._write("\n}\n")
-
-    def _write(self, text: str) -> None:
-        sys.stdout.write(text)
-        sys.stdout.flush()
-
-
-class _Lines(Output):
-    """Prints a line with a JSON object per run."""
-
-    def run(self, label: str, answer: RunAnswer) -> None:
-        content: dict[str, Any] = {"run": label, "file": answer.file, "start": answer.start, "vehicles": answer.vehicles}
-        content |= {"verdicts": _verdicts(answer)}
-        content |= {} if answer.kpis is None else {"kpis": answer.kpis.record()}
-        self._write(content | ({"errors": list(answer.errors)} if answer.errors else {}))
-
-    def unread(self, batch: Batch) -> None:
-        self._write({"file": batch.file, "errors": [batch.error]})
-
-    def _write(self, content: dict[str, Any]) -> None:
-        print(json.dumps({"version": VERSION} | content), flush=True)
-
-
-class Totals:
-    """Counts the verdicts on all runs, and the files and runs that could not be judged."""
-
-    def __init__(self) -> None:
-        self._counts = Counts(Report(()))
-        self._statuses: set[Status] = set()
-        self.troubles: list[str] = []
-        """A sentence per file or run that could not be read or judged."""
-        self.runs = self.vehicles = self.files = self._doubts = 0
-
-    def trouble(self, sentence: str) -> None:
-        """Count and print a file or run that could not be read or judged."""
-        self.troubles.append(sentence)
-        warn(f"rvads: {sentence}")
-
-    def doubt(self, sentence: str, *, every: bool) -> None:
-        """Print a warning about a run; only the first few warnings are printed, unless `every` is set."""
-        self._doubts += 1
-        if every or self._doubts <= _MOST_DOUBTS:
-            warn(f"warning: {sentence}")
-        elif self._doubts == _MOST_DOUBTS + 1:
-            warn("warning: further warnings are not printed, --verbose prints them")
-
-    def add(self, answer: RunAnswer) -> None:
-        """Count the verdicts on a run."""
-        self.runs += 1
-        self.vehicles += answer.vehicles
-        self._statuses.update(verdict.status for verdict in answer.verdicts)
-        for record in answer.records:
-            self._counts.add(record)
-
-    def lines(self) -> list[str]:
-        """Return the lines of a table of the numbers of verdicts by rule, and a line on the number of judged runs."""
-        _, rules, _ = sums(self._counts)
-        kinds = [kind.value for kind in rules.kinds if kind]
-        table = [("", *kinds), *((row.name, *(str(count or "") for count in row.counts)) for row in rules.rows)]
-        name = max((len(row.name) for row in rules.rows), default=0)
-        lines = []
-        for first, *counts in table if rules.rows else ():
-            cells = (f"{text:>{max(8, len(kind) + 2)}}" for text, kind in zip(counts, kinds, strict=False))
-            lines.append(f"{first:{name}}{''.join(cells)}".rstrip())
-        extent = f"{plural(self.runs, 'run')}, {plural(self.vehicles, 'vehicle')} judged"
-        if self.troubles:
-            extent += f"; {plural(len(self.troubles), 'thing')} could not be read or judged"
-        return [*lines, extent]
-
-    @property
-    def status(self) -> int:
-        """The exit status of the command for the counted verdicts."""
-        # An unavoidable violation counts as a violation.
-        return exit_status({Outcome(status.value) for status in self._statuses}, complete=not self.troubles)
-
-    def exit_status(self, *, for_program: bool) -> int:
-        """Return the exit status; 0 in place of 1 and 5 if a program reads the verdicts (`for_program`)."""
-        if for_program and not self.troubles:
-            return 0
-        if self.status == NOTHING_JUDGED:
-            unsure = "every verdict that applies is UNSURE"
-            why = unsure if Status.UNSURE in self._statuses else "no rule applies to any of these runs"
-            warn(f"rvads: nothing was judged: {why}")
-        return self.status
-
-
 class Teller:
-    """Prints the verdicts on parts of files, in order, and writes the reports at the end, even after an error.
+    """Prints the verdicts on the runs of files, in order, counts them, and writes the reports at the end, even after an error.
 
     Args:
         options: the options of the command.
-        totals: counts the verdicts of all runs.
-        files: number of files.
         reports: paths of the reports to write.
-        alone: whether a single file is checked, so that all its warnings are printed.
     """
 
-    def __init__(self, options: argparse.Namespace, totals: Totals, files: int, reports: Sequence[Path], *, alone: bool) -> None:
-        self._totals, self._files, self._alone, self._verbose = totals, files, alone, options.verbose
+    def __init__(self, options: argparse.Namespace, reports: Sequence[Path]) -> None:
+        self._options, self._reports = options, reports
+        self.troubles: list[str] = []
+        """A sentence per file or run that could not be read or judged."""
+        self.files = run_files(options.files, self._trouble)
+        self.alone = len(options.files) == len(self.files) == 1
+        """Whether a single file is checked, so that all its verdicts and warnings are printed."""
+        self.for_program = options.json or options.jsonl
+        """Whether a program reads the verdicts."""
+        self._counts, self._statuses, self._records = Counts(Report(())), set[Status](), list[Record]()
         self._labels = {"version"}  # the member of the JSON object that is no run
-        self._output = output(options, alone, totals)
-        self._reports, self._records = reports, list[Record]()
-        # A program that reads JSON can read standard error as well.
-        self._bar = sys.stderr.isatty() or not (options.json or options.jsonl)
+        self._runs = self._vehicles = self._files = self._doubts = 0
+        self._excerpts = False
+        self._bar = sys.stderr.isatty() or not self.for_program  # a program can read standard error as well
 
     def __enter__(self) -> Teller:
+        if self._options.json:
+            self._write(f'{{"version": {VERSION}')
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        whole = kind is None
         try:
-            if kind is None:
-                self._output.close()
+            if whole and self._options.json:
+                self._write("\n}\n")
+            elif whole and not self.for_program and self._runs and (self._excerpts or not self.alone):
+                say("\n".join(self._totals()))
         finally:
             if self._reports:
                 from pytest_rvads.report.files import save
                 from pytest_rvads.support.installed import versions
 
-                whole = kind is None
                 notes = () if whole else ("INCOMPLETE: rvads check did not come to its end, so runs are missing",)
                 report = Report(
                     self._records,
                     versions=versions(),
-                    exitstatus=self._totals.status if whole else UNFINISHED,
-                    notes=(*notes, *self._totals.troubles),
+                    exitstatus=self._status if whole else UNFINISHED,
+                    notes=(*notes, *self.troubles),
                     complete=whole,
                     again="",
                 )
@@ -254,15 +123,35 @@ class Teller:
         """Print the verdicts on a part of a file."""
         clear()
         if batch.error:
-            self._totals.trouble(batch.error)
-            self._output.unread(batch)
+            self._trouble(batch.error)
+            if self._options.jsonl:
+                self._write_line({"file": batch.file, "errors": [batch.error]})
         for answer in batch.answers:
             self._run(answer)
-        self._totals.files += batch.last
-        if self._bar and self._files > 1 and batch.last:
-            progress(self._totals.files, self._files, "files")
-        elif self._bar and self._files == 1 < batch.total and any(answer.excerpt for answer in batch.answers):
-            progress(self._totals.runs, batch.total, "busy periods")
+        self._files += batch.last
+        if self._bar and len(self.files) > 1 and batch.last:
+            progress(self._files, len(self.files), "files")
+        elif self._bar and len(self.files) == 1 < batch.total and any(answer.excerpt for answer in batch.answers):
+            progress(self._runs, batch.total, "busy periods")
+
+    def exit_status(self) -> int:
+        """Return the exit status of the command; 0 in place of 1 and 5 if a program reads the verdicts."""
+        if self.for_program and not self.troubles:
+            return 0
+        if self._status == NOTHING_JUDGED:
+            unsure = "every verdict that applies is UNSURE"
+            why = unsure if Status.UNSURE in self._statuses else "no rule applies to any of these runs"
+            warn(f"rvads: nothing was judged: {why}")
+        return self._status
+
+    @property
+    def _status(self) -> int:
+        # An unavoidable violation counts as a violation.
+        return exit_status({Outcome(status.value) for status in self._statuses}, complete=not self.troubles)
+
+    def _trouble(self, sentence: str) -> None:
+        self.troubles.append(sentence)
+        warn(f"rvads: {sentence}")
 
     def _run(self, answer: RunAnswer) -> None:
         label, number = answer.label, 1
@@ -270,11 +159,58 @@ class Teller:
             label = f"{answer.file}: {answer.label}" + (f" ({number})" if number > 1 else "")
             number += 1
         self._labels.add(label)
+        complete = self._options.verbose or (self.alone and not answer.excerpt)
         for warning in answer.warnings:
-            self._totals.doubt(f"{label}: {warning}", every=self._verbose or (self._alone and not answer.excerpt))
+            self._doubts += 1
+            if complete or self._doubts <= _MOST_DOUBTS:
+                warn(f"warning: {label}: {warning}")
+            elif self._doubts == _MOST_DOUBTS + 1:
+                warn("warning: further warnings are not printed, --verbose prints them")
         for error in answer.errors:
-            self._totals.trouble(f"{label} {error}")
-        self._totals.add(answer)
-        self._output.run(label, answer)
-        for record in answer.records if self._reports else ():
-            self._records.append(replace(record, nodeid=f"{label}-{record.rule}", recording=label))
+            self._trouble(f"{label} {error}")
+        self._runs += 1
+        self._vehicles += answer.vehicles
+        self._excerpts |= answer.excerpt
+        self._statuses.update(verdict.status for verdict in answer.verdicts)
+        for record in answer.records:
+            self._counts.add(record)
+            if self._reports:
+                self._records.append(replace(record, nodeid=f"{label}-{record.rule}", recording=label))
+        kpis = answer.kpis
+        if self._options.json:
+            content = _verdicts(answer) | ({} if kpis is None else {_KPIS: kpis.record()})
+            self._write(f",\n{json.dumps(label)}: {json.dumps(content)}")
+        elif self._options.jsonl:
+            content = {"run": label, "file": answer.file, "start": answer.start, "vehicles": answer.vehicles}
+            content |= {"verdicts": _verdicts(answer)} | ({} if kpis is None else {"kpis": kpis.record()})
+            self._write_line(content | ({"errors": list(answer.errors)} if answer.errors else {}))
+        else:
+            lines: list[str] = []
+            for verdict in answer.verdicts:
+                if complete or verdict.status in NOTABLE:
+                    lines += [line(verdict), *(f"       UNSURE {what}" for what in unsure(verdict))]
+            lines += [] if kpis is None else describe(kpis)
+            if lines or complete:
+                say("\n  ".join((label, *lines)))
+
+    def _write(self, text: str) -> None:
+        """Print a piece of the JSON object, which is printed piece by piece, so that memory does not hold all runs."""
+        sys.stdout.write(text)
+        sys.stdout.flush()
+
+    def _write_line(self, content: dict[str, Any]) -> None:
+        self._write(f"{json.dumps({'version': VERSION} | content)}\n")
+
+    def _totals(self) -> Iterator[str]:
+        """Yield the lines of a table of the numbers of verdicts by rule, and a line on the number of judged runs."""
+        _, rules, _ = sums(self._counts)
+        kinds = [kind.value for kind in rules.kinds if kind]
+        table = [("", *kinds), *((row.name, *(str(count or "") for count in row.counts)) for row in rules.rows)]
+        name = max((len(row.name) for row in rules.rows), default=0)
+        for first, *counts in table if rules.rows else ():
+            cells = (f"{text:>{max(8, len(kind) + 2)}}" for text, kind in zip(counts, kinds, strict=False))
+            yield f"{first:{name}}{''.join(cells)}".rstrip()
+        extent = f"{plural(self._runs, 'run')}, {plural(self._vehicles, 'vehicle')} judged"
+        if self.troubles:
+            extent += f"; {plural(len(self.troubles), 'thing')} could not be read or judged"
+        yield extent
