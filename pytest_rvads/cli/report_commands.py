@@ -20,6 +20,7 @@ from pytest_rvads.report.session_report import (
     NOTHING_JUDGED,
     UNFINISHED,
     Cell,
+    Drawn,
     Extent,
     Report,
     cell_of,
@@ -175,38 +176,78 @@ def merge(reports: Sequence[tuple[str, Report]]) -> Report:
     _refuse_strangers(reports)
     records: dict[str, tuple[str, Record]] = {}
     clashes: list[str] = []
+    notes: list[str] = []
+    planned: dict[Cell, None] = {}
+    totals: dict[int, tuple[int, int]] = {}
+    versions: dict[str, dict[str, str]] = {}  # by package and version, the first report with it
+    left_out: dict[str, int] = {}
+    unfit: dict[str, int] = {}
+    seconds: Counter[str] = Counter()
+    extents: dict[str, Extent] = {}
+    refused: dict[str, dict[str, None]] = {}
+    drawn: dict[Drawn, None] = {}
     for name, report in reports:
         for record in report.records:
-            earlier = records.setdefault(record.nodeid, (name, record))
-            if earlier[1] is not record:
-                clash = _clash(earlier, (name, record))
-                clashes += [clash] if clash else []
-                records[record.nodeid] = min(earlier, (name, record), key=lambda named_record: named_record[1].status.severity)
-    notes = [f"{name}: {note}" for name, report in reports for note in report.notes]
+            earlier_name, earlier = records.setdefault(record.nodeid, (name, record))
+            if earlier is record:
+                continue
+            if Outcome.NOT_RUN not in (earlier.status, record.status):
+                if earlier.status != record.status:
+                    clashes.append(f"{record.nodeid} is {earlier.status} in {earlier_name} and {record.status} in {name}")
+                elif earlier.hash != record.hash:
+                    both = f"{record.nodeid} is {record.status} in both {earlier_name} and {name}"
+                    clashes.append(f"{both}, but of different runs")
+            if record.status.severity < earlier.status.severity:
+                records[record.nodeid] = name, record
+        for package, version in report.versions.items():
+            versions.setdefault(package, {}).setdefault(version, name)
+        for site, extent in report.extents.items():
+            before = extents.get(site, extent)
+            extents[site] = Extent(
+                turns=extent.turns,
+                classes=before.classes | extent.classes,
+                partial=before.partial | extent.partial,
+                pairs=before.pairs or extent.pairs,
+                conflicts=before.conflicts or extent.conflicts,
+            )
+        for reason, names in report.refused.items():
+            refused.setdefault(reason, {}).update(dict.fromkeys(names))
+        notes += [f"{name}: {note}" for note in report.notes]
+        planned |= dict.fromkeys(report.planned)
+        drawn |= dict.fromkeys(report.drawn)
+        totals |= report.totals
+        left_out |= report.left_out
+        unfit |= report.unfit
+        seconds.update(report.seconds)
     notes += clashes[:_SHOWN]
     if len(clashes) > _SHOWN:
         notes.append(f"... and {len(clashes) - _SHOWN} more contradictions between the merged reports")
-    versions, differences = _merged_versions(reports)
-    seconds: Counter[str] = Counter()
-    for _, report in reports:
-        seconds.update(report.seconds)
-    planned: dict[Cell, None] = dict.fromkeys(cell for _, report in reports for cell in report.planned)
+    differences = [
+        f"versions differ: {package} " + ", ".join(f"{version} in {name}" for version, name in names.items())
+        for package, names in versions.items()
+        if len(names) > 1
+    ]
     merged = in_order(list(steady(record for _, record in records.values())))
+    # A failure that was expected, or that an option lets pass, does not fail the merged session either.
+    outcomes = {Outcome.FAIL if r.failed else Outcome.PASS if r.status.judges else Outcome.NA for r in merged}
+    outcomes |= {Outcome.ERROR} if clashes else set()
+    # A shard that judged nothing does no harm if another judged.
+    worst = max((report.ended for _, report in reports if report.ended != NOTHING_JUDGED), default=0)
     return Report(
         merged,
-        {ways: total for _, report in reports for ways, total in report.totals.items()},
+        totals,
         tuple(sorted(planned, key=str)),
-        versions,
-        _merged_exitstatus([report for _, report in reports], merged, bool(clashes)),
+        {package: ", ".join(names) for package, names in versions.items()},
+        worst or exit_status(outcomes),
         tuple(differences + notes),
-        {test: count for _, report in reports for test, count in report.left_out.items()},
+        left_out,
         seconds=dict(seconds),
-        unfit={test: count for _, report in reports for test, count in report.unfit.items()},
-        extents=_merged_extents([report for _, report in reports]),
+        unfit=unfit,
+        extents=extents,
         complete=all(report.complete for _, report in reports),
         project=next((report.project for _, report in reports if report.project), ""),
-        refused=_refused_names([report for _, report in reports]),
-        drawn=tuple(dict.fromkeys(drawn for _, report in reports for drawn in report.drawn)),
+        refused={reason: tuple(names) for reason, names in refused.items()},
+        drawn=tuple(drawn),
         began=min((report.began for _, report in reports if report.began), default=""),
         command=", ".join(dict.fromkeys(report.command for _, report in reports if report.command)),
     )
@@ -229,60 +270,3 @@ def _refuse_strangers(reports: Sequence[tuple[str, Report]]) -> None:
                 earlier_name, before = earlier_values.setdefault(subject, (name, present))
                 if not before & present:
                     raise RvadsError(f"{earlier_name} and {name} are no parts of one session: they differ in the {subject}")
-
-
-def _clash(named_record: tuple[str, Record], other_named_record: tuple[str, Record]) -> str:
-    """Return in words how two records of the same test item contradict each other; an empty text without a contradiction."""
-    (name, a), (other_name, b) = named_record, other_named_record
-    if Outcome.NOT_RUN in (a.status, b.status):
-        return ""
-    if a.status != b.status:
-        return f"{a.nodeid} is {a.status} in {name} and {b.status} in {other_name}"
-    if a.hash != b.hash:
-        return f"{a.nodeid} is {a.status} in both {name} and {other_name}, but of different runs"
-    return ""
-
-
-def _merged_versions(reports: Sequence[tuple[str, Report]]) -> tuple[dict[str, str], list[str]]:
-    """Return the versions of all reports, and a sentence for each version that differs between reports."""
-    versions: dict[str, dict[str, str]] = {}
-    for name, report in reports:
-        for package, version in report.versions.items():
-            versions.setdefault(package, {}).setdefault(version, name)
-    differences = [
-        f"versions differ: {package} " + ", ".join(f"{version} in {name}" for version, name in names.items())
-        for package, names in versions.items()
-        if len(names) > 1
-    ]
-    return {package: ", ".join(names) for package, names in versions.items()}, differences
-
-
-def _merged_extents(reports: Sequence[Report]) -> dict[str, Extent]:
-    """Return the numbers of classes and scenarios at each junction, as far as any session counted them."""
-    extents: dict[str, Extent] = {}
-    for name, extent in (entry for report in reports for entry in report.extents.items()):
-        earlier = extents.get(name, extent)
-        extents[name] = Extent(
-            turns=extent.turns,
-            classes=earlier.classes | extent.classes,
-            partial=earlier.partial | extent.partial,
-            pairs=earlier.pairs or extent.pairs,
-            conflicts=earlier.conflicts or extent.conflicts,
-        )
-    return extents
-
-
-def _refused_names(reports: Sequence[Report]) -> dict[str, tuple[str, ...]]:
-    """Return the reasons for left-out junctions of all sessions, with the names of the junctions."""
-    names_by_reason: dict[str, dict[str, None]] = {}
-    for reason, names in (entry for report in reports for entry in report.refused.items()):
-        names_by_reason.setdefault(reason, {}).update(dict.fromkeys(names))
-    return {reason: tuple(names) for reason, names in names_by_reason.items()}
-
-
-def _merged_exitstatus(reports: Sequence[Report], records: Sequence[Record], clashed: bool) -> int:
-    """Return the exit status of the merged report; a shard that judged nothing (status 5) does no harm if another judged."""
-    # A failure that was expected, or that an option lets pass, does not fail the merged session either.
-    outcomes = {Outcome.FAIL if r.failed else Outcome.PASS if r.status.judges else Outcome.NA for r in records}
-    worst = max((report.ended for report in reports if report.ended != NOTHING_JUDGED), default=0)
-    return worst or exit_status(outcomes | ({Outcome.ERROR} if clashed else set()))
