@@ -19,7 +19,7 @@ from pytest_rvads.fixtures.monitoring import monitor, rule, settle
 from pytest_rvads.fixtures.running import run, rvads_cell, rvads_recorded, rvads_run, rvads_runs
 from pytest_rvads.fixtures.systems import rvads_autopilot, rvads_map, rvads_simulator, rvads_sut, rvads_vehicle
 from pytest_rvads.session import hooks
-from pytest_rvads.session.chosen_driver import code_of_driver, code_of_simulator, offer
+from pytest_rvads.session.chosen_driver import code_of, offer
 from pytest_rvads.session.closing import Closing
 from pytest_rvads.session.collection.cells import register_marks
 from pytest_rvads.session.collection.expansion import expand, expand_recorded, idle, is_recorded, unused
@@ -120,11 +120,19 @@ def pytest_report_header(config: pytest.Config) -> list[str]:
     A further line names the limits that the simulator states for its results.
     """
     options = config.stash[OPTIONS]
-    lines = [f"rvads: driven by {options.driver}{code_of_driver(config)}"] if options.driver else []
+    lines = []
+    if options.driver:
+        if options.sut is not None:
+            from pytest_rvads.drivers.stacks.process import Process
+
+            driver: object = Process(options.sut)  # the process starts only when a run asks for a decision
+        else:
+            driver = chosen(str(options.autopilot), config.invocation_params.dir)
+        lines.append(f"rvads: driven by {options.driver}{code_of(driver, config)}")
     if not options.simulator:
         return lines
     caveat = getattr(choice().simulator, "caveat", "")
-    lines.append(f"rvads: simulated by --rvads-simulator={options.simulator}{code_of_simulator(config, choice().simulator)}")
+    lines.append(f"rvads: simulated by --rvads-simulator={options.simulator}{code_of(choice().simulator, config)}")
     return [*lines, f"rvads: {one_line(caveat)}"] if isinstance(caveat, str) and caveat else lines
 
 

@@ -13,9 +13,6 @@ from typing import Any
 
 import pytest
 
-from pytest_rvads.drivers.naming import chosen
-from pytest_rvads.session.options import OPTIONS
-
 _SUITE = Path(__file__).parent / "suite"
 """Folder of the tests that come with the plugin."""
 _NAME = "rvads_autopilot"
@@ -25,27 +22,8 @@ _ALIKE = 0.8
 _ELSEWHERE: pytest.StashKey[str] = pytest.StashKey()
 
 
-def code_of_driver(config: pytest.Config) -> str:
-    """Return file and digest (or version) of the driver that an option names, such as `` (pilots.py 3fa29c01)``.
-
-    The text is empty if no option names a driver.
-    """
-    options = config.stash[OPTIONS]
-    if options.autopilot is not None:
-        return _code(chosen(options.autopilot, config.invocation_params.dir), config)
-    if options.sut is not None:
-        from pytest_rvads.drivers.stacks.process import Process
-
-        return _code(Process(options.sut), config)  # the process starts only when a run asks for a decision
-    return ""
-
-
-def code_of_simulator(config: pytest.Config, simulator: Any) -> str:
-    """Return file and digest (or version) of a simulator, in the form of `code_of_driver`."""
-    return _code(simulator, config)
-
-
-def _code(factory: Any, config: pytest.Config) -> str:
+def code_of(factory: Any, config: pytest.Config) -> str:
+    """Return file and digest (or version) of a driver or simulator, such as `` (pilots.py 3fa29c01)``, or an empty text."""
     from pytest_rvads.drivers.identity import source
 
     code = source(factory, config.invocation_params.dir)
@@ -96,21 +74,16 @@ def where_else(session: pytest.Session) -> str:
     The modules of the tests and of the plugins are searched once per session.
     """
     stash = session.config.stash
-    if _ELSEWHERE not in stash:
-        stash[_ELSEWHERE] = _misplaced(session)
-    return stash[_ELSEWHERE]
-
-
-def _misplaced(session: pytest.Session) -> str:
+    if _ELSEWHERE in stash:
+        return stash[_ELSEWHERE]
     plugins = session.config.pluginmanager.get_plugins()
     candidates = (*(getattr(item, "module", None) for item in session.items), *plugins)
     modules = {str(m.__file__): m for m in candidates if isinstance(m, ModuleType) and getattr(m, "__file__", None) is not None}
-    package = __name__.partition(".")[0]
+    package, text = __name__.partition(".")[0], ""
     for file, module in sorted(modules.items()):
-        if module.__name__.partition(".")[0] == package:
-            continue
-        for name in difflib.get_close_matches(_NAME, vars(module), cutoff=_ALIKE):
-            if name == _NAME:
-                return f"{file} has one that is not visible there: move it into a conftest.py of a folder that holds both"
-            return f"{file} defines {name!r}: is it misspelt?"
-    return ""
+        if module.__name__.partition(".")[0] != package and not text:
+            for name in difflib.get_close_matches(_NAME, vars(module), 1, _ALIKE):
+                text = f"{file} defines {name!r}: is it misspelt?"
+                if name == _NAME:
+                    text = f"{file} has one that is not visible there: move it into a conftest.py of a folder that holds both"
+    return stash.setdefault(_ELSEWHERE, text)
