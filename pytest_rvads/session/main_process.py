@@ -1,11 +1,14 @@
-"""The main process of a session, which collects the records of all items and makes the report and the exit status."""
+"""The main process of a session, which collects the records of all items and makes the report and the exit status.
+
+A session is green only if a verdict was given, a driver was named, and everything planned is accounted for.
+"""
 
 from __future__ import annotations
 
 import os
 import shlex
 from collections.abc import Generator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import datetime
 from hashlib import sha256
 from traceback import format_tb
@@ -18,7 +21,6 @@ from pytest_rvads.session.interrupts import BUDGET, leave_in_time, put_off
 from pytest_rvads.session.options import OPTIONS
 from pytest_rvads.session.outputs import Outputs, totals
 from pytest_rvads.session.plan import Planner
-from pytest_rvads.session.reasons import Ending, reasons
 from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.tracebacks import in_own_code, located
 from pytest_rvads.support.wording import named_error, plural, printable
@@ -26,6 +28,20 @@ from pytest_rvads.support.wording import named_error, plural, printable
 if TYPE_CHECKING:
     from pytest_rvads.report.record import Record
     from pytest_rvads.report.session_report import Report
+
+_FAILED = int(pytest.ExitCode.TESTS_FAILED)
+_NOTHING = int(pytest.ExitCode.NO_TESTS_COLLECTED)
+
+
+@dataclass(frozen=True, slots=True)
+class Reason:
+    """A reason why a session is not green, or a note on the session."""
+
+    text: str
+    exitstatus: int = _FAILED
+    """Exit status of the session if nothing else gives the session another status than 0; 0 for a note."""
+    cut: bool = True
+    """Whether so many items are missing that ``--rvads-fail-on`` excuses no failure."""
 
 
 class Session:
@@ -150,20 +166,7 @@ class Session:
         budget = self.config.stash[BUDGET]
         missing = self._complete()
         self.records = {record.nodeid: record for record in steady(self.records.values())}
-        causes = reasons(
-            Ending(
-                exitstatus,
-                self.collected,
-                self.records,
-                missing,
-                self.planner.unplanned(),
-                len(self.planner.plan().vanished),
-                self.undriven,
-                self.turned,
-                budget.reason if budget else "",
-                "open" not in self.options.strict,
-            )
-        )
+        causes = self._reasons(exitstatus, missing)
         self.troubles += [reason.text for reason in causes]
         status = next(filter(None, (exitstatus % 256, *(reason.exitstatus for reason in causes))), 0)
         if budget:
@@ -178,6 +181,58 @@ class Session:
             status = status or pytest.ExitCode.TESTS_FAILED
         if session.exitstatus in (0, exitstatus):  # unchanged if another plugin has set a worse status
             session.exitstatus = status
+
+    def _reasons(self, exitstatus: int, missing: int) -> list[Reason]:
+        """Return the reasons why the session is not green; the first reason with an exit status other than 0 decides the status.
+
+        `missing` is the number of selected items that never ran. A violation fails its item even if the test, a plugin or a
+        conftest.py catches the exception.
+        """
+        records, plan, unplanned = self.records.values(), self.planner.plan(), self.planner.unplanned()
+        found: list[Reason] = []
+        incomplete = bool(missing or unplanned) or not self.collected
+        absent = f"{plural(missing, 'item')} did not run"
+        if not self.collected:
+            absent = "the items to run were not yet known"
+        elif unplanned:
+            absent = f"none of {plural(unplanned, 'item')} ended, and no worker reported which of them belong to pytest-rvads"
+        if exitstatus not in (pytest.ExitCode.OK, _FAILED, _NOTHING):
+            text = f"the session did not end by itself (exit status {exitstatus}): {absent}"
+            found.append(Reason(text, cut=incomplete))
+        elif incomplete:
+            found.append(Reason(f"the session stopped early: {absent}"))
+        if plan.vanished:
+            vanished = f"{plural(len(plan.vanished), 'item')} vanished"
+            found.append(Reason(f"{vanished}: a plugin or conftest.py dropped them without deselecting them"))
+        if self.undriven:
+            where = next(filter(None, self.undriven.values()), "")
+            text = (
+                f"nothing says what drives in {plural(len(self.undriven), 'item')}, so the bundled reference autopilot did, and "
+                "nothing of yours was tested: override the fixture rvads_autopilot, or name what drives by "
+                "--rvads-autopilot=module:name or --rvads-sut (--rvads-autopilot=reference if you mean the reference)"
+            )
+            found.append(Reason(f"{text}{'; ' if where else ''}{where}"))
+        flaky = [record for record in records if record.status is Outcome.FLAKY and record.outcome != "failed"]
+        if flaky:
+            example = f", first {flaky[0].nodeid}: {flaky[0].flaky}" if flaky[0].flaky else ""
+            found.append(Reason(f"FLAKY, though nothing failed: {plural(len(flaky), 'item')}{example}", cut=False))
+        if records and not any(record.status.judges or record.status is Outcome.FLAKY for record in records):
+            text = "nothing was judged: no rule required an action of the system under test, or no item ran"
+            found.append(Reason(text, _NOTHING, cut=False))
+        fails = {outcome for outcome in Outcome if outcome.bad} - (set() if "open" in self.options.strict else {Outcome.OPEN})
+        hidden = {name for name, r in self.records.items() if r.status in fails and not r.failed and not r.known}
+        hushed = sorted(hidden | {name for name in self.turned if self.records[name].status is not Outcome.FLAKY})
+        if hushed:
+            passed = f"{plural(len(hushed), 'item')} passed in spite of a failure"
+            found.append(Reason(f"{passed}: a plugin catches failures, first {hushed[0]}"))
+        unkept = [record.unkept for record in records if record.unkept]
+        if unkept:
+            found.append(Reason(f"the runs of {plural(len(unkept), 'item')} could not be kept: {unkept[0]}"))
+        budget, late = self.config.stash[BUDGET], sum(record.late for record in records)
+        if budget and late:
+            text = f"{budget.reason.partition(': ')[2]}: {plural(late, 'item')} did not run"
+            found.append(Reason(text, exitstatus=0, cut=False))
+        return found
 
     def _complete(self) -> int:
         """Add a record for every selected test item without a record; return the number of items that never ran."""
