@@ -29,7 +29,7 @@ from pytest_rvads.scenarios.senses import IDEAL, Senses
 from pytest_rvads.scenarios.walks import walks_of
 from pytest_rvads.session.collection.cells import NoRoom, Resolved, Selected
 from pytest_rvads.session.collection.extensions import Extensions
-from pytest_rvads.session.collection.misuse import refuse_unknown, several
+from pytest_rvads.session.collection.misuse import beside, refuse_unknown, several
 from pytest_rvads.session.options import Options
 from pytest_rvads.support.errors import ScenarioError
 
@@ -197,8 +197,7 @@ class Ask:
     def _source(self, junction: str, folder: Path, default: str | None, added: Extensions) -> tuple[str, str | None]:
         """Return the name of a junction and the path of its map file, the arguments of `find`."""
         if self.map is not None:
-            file = folder / self.map
-            return junction, str((file if file.exists() else Path(self.map)).resolve())
+            return junction, str(Path(beside(folder, self.map)).resolve())
         if junction in added.junctions:
             registered, name = added.junctions[junction]
             return name, registered

@@ -8,7 +8,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from hashlib import sha256
 from numbers import Integral
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -35,9 +34,6 @@ _MARKS = (
     f"rvads({', '.join(KEYS)}): on every item, to select by -m \"rvads(cls=7, rule='p1')\"",
 )
 
-Traced = tuple[str, ...]
-"""Identifiers of requirements."""
-
 
 def register_marks(config: pytest.Config) -> None:
     """Register the marks of the plugin with pytest, and refuse unknown keywords in ``-m "rvads(...)"``."""
@@ -56,6 +52,16 @@ def run_name(nodeid: str, cell: Cell | RecordedCell) -> str:
 def _digest(rule: Rule | None) -> str:
     """Return a digest of a rule: its formula, its tie window, and the agents to which the rule applies; empty without a rule."""
     return sha256(repr((rule.text, rule.tie, rule.bound)).encode()).hexdigest()[:8] if rule else ""
+
+
+def named(
+    run: str, keys: dict[str, str | int], rule: Rule | None, requirements: tuple[str, ...]
+) -> tuple[str, str, dict[str, str | int], tuple[str, ...]]:
+    """Return id, run, keys and requirements of the cell of a run and a rule, the last fields of a cell."""
+    if rule is None:
+        return run, run, keys, requirements
+    traced = (*requirements, rule.requirement) if rule.requirement else requirements
+    return f"{run}-{rule.name}", run, {**keys, "rule": rule.name}, traced
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,8 +144,10 @@ def runs_of(selection: Selection, policies: Sequence[Policy | None], unfit: Unfi
         yield from ((scenario, policy) for policy in policies)
 
 
-def cells_of(scenario: Scenario, policy: Policy | None, axis: Sequence[tuple[Rule | None, Traced]]) -> Iterator[Cell]:
-    """Yield the cells of a run, one cell per rule, with the requirements that the rule traces to."""
+def cells_of(
+    scenario: Scenario, policy: Policy | None, rules: Sequence[Rule | None], requirements: tuple[str, ...]
+) -> Iterator[Cell]:
+    """Yield the cells of a run, one cell per rule; None is the only rule of a test that does not run over rules."""
     from pytest_rvads.scenarios.ids import run_id
 
     run = run_id(scenario, None if policy is None else policy.name)
@@ -156,11 +164,8 @@ def cells_of(scenario: Scenario, policy: Policy | None, axis: Sequence[tuple[Rul
         keys["pedestrians"] = scenario.walking
     if policy:
         keys["traffic"] = policy.name
-    for rule, traced in axis:
-        if rule is None:
-            yield Cell(scenario, rule, policy, run, run, keys, traced)
-        else:
-            yield Cell(scenario, rule, policy, f"{run}-{rule.name}", run, {**keys, "rule": rule.name}, traced)
+    for rule in rules:
+        yield Cell(scenario, rule, policy, *named(run, keys, rule, requirements))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -202,7 +207,7 @@ class NoRoom(ScenarioError):
     """
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Resolved:
     """The scenarios, traffic policies and rules that one mark selects at one junction."""
 
@@ -213,12 +218,6 @@ class Resolved:
     rules: tuple[Rule | None, ...]
     """Rules of the items; None is the only entry if the test does not run over rules."""
     requirement: tuple[str, ...]
-
-    @cached_property
-    def axis(self) -> list[tuple[Rule | None, Traced]]:
-        """The rules of the test items, with the requirements that each rule traces to in this test."""
-        of_mark = self.requirement
-        return [(rule, (*of_mark, rule.requirement) if rule and rule.requirement else of_mark) for rule in self.rules]
 
     @property
     def runs(self) -> int:
@@ -263,7 +262,7 @@ class PlannedRun(NamedTuple):
 
     def cells(self) -> Iterator[Cell]:
         """Yield the cells of the run, one cell per rule."""
-        return cells_of(self.scenario, self.policy, self.resolved.axis)
+        return cells_of(self.scenario, self.policy, self.resolved.rules, self.resolved.requirement)
 
     @property
     def name(self) -> str:
@@ -271,12 +270,6 @@ class PlannedRun(NamedTuple):
         from pytest_rvads.scenarios.ids import run_id
 
         return run_id(self.scenario, None if self.policy is None else self.policy.name)
-
-    @property
-    def stratum(self) -> tuple[str, str, str]:
-        """Junction, class and configuration of the run; a sample is spread evenly over these."""
-        scenario = self.scenario
-        return scenario.place.name, scenario.orbit or str(scenario.number), scenario.point
 
 
 class Runs:
@@ -286,7 +279,7 @@ class Runs:
     """
 
     def __init__(
-        self, resolved: Sequence[Resolved], test: str, watch: Callable[[Iterator[PlannedRun]], Iterator[PlannedRun]] = iter
+        self, resolved: Sequence[Resolved], test: str, watch: Callable[[Iterator[PlannedRun]], Iterator[PlannedRun]]
     ) -> None:
         self._resolved = resolved
         self._test = test
@@ -321,4 +314,9 @@ class Runs:
 
     def drawn(self, size: int, seed: int) -> list[PlannedRun]:
         """Return a sample of `size` runs, spread over junctions, classes and configurations."""
-        return draw(self, size, seed, lambda run: run.stratum, lambda run: run.name)
+
+        def stratum(run: PlannedRun) -> tuple[str, str, str]:
+            scenario = run.scenario
+            return scenario.place.name, scenario.orbit or str(scenario.number), scenario.point
+
+        return draw(self, size, seed, stratum, lambda run: run.name)

@@ -13,7 +13,7 @@ junctions, with the reason. A mark without a scenario at any junction is refused
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Sequence, Sized
+from collections.abc import Iterable, Iterator, Sequence, Sized
 from contextlib import nullcontext
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -23,7 +23,7 @@ import pytest
 from pytest_rvads.session.collection.cells import Cell, Known, PlannedRun, RecordedCell, Resolved, Runs
 from pytest_rvads.session.collection.extensions import extensions
 from pytest_rvads.session.collection.misuse import told_at
-from pytest_rvads.session.plan import PLAN, Plan
+from pytest_rvads.session.plan import PLAN
 from pytest_rvads.support.errors import OpenObligation, RuleViolation, ScenarioError
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def expand(metafunc: pytest.Metafunc, options: Options) -> None:
     from pytest_rvads.session.collection.ask import Ask
 
     test = metafunc.definition
-    asks, known = _nearest(test, "scenario", Ask), _marks(test, "known", Known)
+    asks = _nearest(test, "scenario", Ask)
     takes_recorded = "rvads_recorded" in metafunc.fixturenames
     if not asks:
         mark = "recorded" if takes_recorded else "scenario"
@@ -76,9 +76,7 @@ def expand(metafunc: pytest.Metafunc, options: Options) -> None:
         with told_at(f"{run.resolved.mark}: {test.nodeid}"):
             for cell in run.cells():
                 _add(cell, cells)
-    _note_known(known, metafunc, cells.values())
-    items = _watched(metafunc.config, f"items of {metafunc.function.__name__}", list(cells.values()), _CELLS)
-    metafunc.parametrize("rvads_cell", list(_params(items, [k for _, k in known])), indirect=True)
+    _parametrize(metafunc, list(cells.values()), ())
 
 
 def expand_recorded(metafunc: pytest.Metafunc, options: Options) -> None:
@@ -87,7 +85,7 @@ def expand_recorded(metafunc: pytest.Metafunc, options: Options) -> None:
     from pytest_rvads.session.collection.recordings import OpenFiles, Recordings
 
     test = metafunc.definition
-    asks, known = _nearest(test, "recorded", Recordings), _marks(test, "known", Known)
+    asks = _nearest(test, "recorded", Recordings)
     if next(test.iter_markers("rvads_scenario"), None):
         why = "has @rvads.recorded(...) and @rvads.scenario(...), but a run is one or the other: make two tests of it"
         raise pytest.Collector.CollectError(f"{asks[0].place}: {test.nodeid} {why}")
@@ -107,10 +105,7 @@ def expand_recorded(metafunc: pytest.Metafunc, options: Options) -> None:
                         "ask for fewer rules, or raise --rvads-max-items"
                     )
                 _add(cell, cells)
-    _note_known(known, metafunc, cells.values())
-    unused = [name for name in _DRIVING if name in metafunc.fixturenames]
-    params = _params(cells.values(), [k for _, k in known], [None] * len(unused))
-    metafunc.parametrize(("rvads_cell", *unused), list(params), indirect=["rvads_cell"])
+    _parametrize(metafunc, list(cells.values()), [name for name in _DRIVING if name in metafunc.fixturenames])
 
 
 def is_recorded(item: pytest.Item) -> bool:
@@ -192,46 +187,46 @@ def _add(cell: C, cells: dict[str, C]) -> None:
     )
 
 
-def _note_known(
-    known: Sequence[tuple[Any, Known]], metafunc: pytest.Metafunc, cells: Collection[Cell] | Collection[RecordedCell]
-) -> None:
-    """Note the known deficiencies of a test, and refuse a deficiency on the test function that matches none of its items.
+def _parametrize(metafunc: pytest.Metafunc, cells: Sequence[Cell | RecordedCell], unused: Sequence[str]) -> None:
+    """Give a test its cells, with a mark for ``-m`` and an xfail for every known deficiency; `unused` fixtures are None.
 
-    If only a sample of the items runs, no deficiency is refused, because the sample can lack the failing items.
+    A deficiency on the test function that matches none of its items is refused. If only a sample of the items runs, no deficiency
+    is refused, because the sample can lack the failing items.
     """
-    noted = metafunc.config.stash.setdefault(_KNOWN, {})
-    sampled = any(drawn.test == metafunc.definition.nodeid for drawn in metafunc.config.stash[PLAN].drawn)
+    test, config = metafunc.definition, metafunc.config
+    noted = config.stash.setdefault(_KNOWN, {})
+    sampled = any(drawn.test == test.nodeid for drawn in config.stash[PLAN].drawn)
+    known = _marks(test, "known", Known)
     for node, deficiency in known:
         used = sampled or any(map(deficiency.matches, cells))
-        if not used and node is metafunc.definition:
+        if not used and node is test:
             with told_at(f"{deficiency.place}: {node.nodeid}"):
                 raise ScenarioError(f"{deficiency} matches none of the {len(cells)} cells of this test")
         noted[deficiency] = node.nodeid, used or noted.get(deficiency, ("", False))[1]
-
-
-def _params(cells: Iterable[Cell | RecordedCell], known: Sequence[Known], more: Sequence[None] = ()) -> Iterator[Any]:
-    """Yield a pytest parameter per cell, with a mark for ``-m`` and an xfail for every known deficiency of the cell."""
-    select = pytest.mark.rvads
-    for cell in cells:
-        marks = [select.with_args(**cell.keys)]
-        for deficiency in known:
+    params = []
+    for cell in _watched(config, f"items of {metafunc.function.__name__}", cells, _CELLS):
+        marks = [pytest.mark.rvads.with_args(**cell.keys)]
+        for _, deficiency in known:
             if deficiency.matches(cell):
                 reason = ": ".join(filter(None, (deficiency.name, deficiency.reason)))
                 marks.append(pytest.mark.xfail(strict=True, raises=(RuleViolation, OpenObligation), reason=reason))
-        yield pytest.param(cell, *more, id=cell.id, marks=marks)
+        params.append(pytest.param(cell, *[None] * len(unused), id=cell.id, marks=marks))
+    metafunc.parametrize(("rvads_cell", *unused), params, indirect=["rvads_cell"])
 
 
 def _resolve(ask: Ask, test: pytest.Function, options: Options, added: Extensions, takes_rule: bool) -> tuple[Resolved, ...]:
     """Return the runs and rules that one mark of a test selects at each junction, and note left-out junctions and starts."""
+    from pytest_rvads.report.session_report import Drawn
+    from pytest_rvads.scenarios.selection import TOO_SHORT, TOO_TIGHT, extended
+
     plan = test.config.stash[PLAN]
     watch = partial(_watched, test.config, "v(d)max of point", least=_POINTS)
     selected = ask.resolve(test.path.parent, options, added, watch, takes_rule)
     if options.sample is None:
         _refuse_many(selected.resolved, options)
-    from pytest_rvads.scenarios.selection import TOO_SHORT, TOO_TIGHT, extended
-
     for resolved in selected.resolved:
-        _note_left_out(plan.left_out, test.nodeid, resolved.selection.left_out)
+        if resolved.selection.left_out:
+            plan.left_out[test.nodeid] = plan.left_out.get(test.nodeid, 0) + resolved.selection.left_out
         plan.extents = extended(plan.extents, resolved.selection)
     bends = [(name, TOO_TIGHT) for resolved in selected.resolved for name in resolved.selection.too_tight]
     too_short = [(resolved.selection.place.name, TOO_SHORT) for resolved in selected.resolved if resolved.selection.too_short]
@@ -239,12 +234,14 @@ def _resolve(ask: Ask, test: pytest.Function, options: Options, added: Extension
         plan.refused.setdefault(reason, {})[name] = None
     if selected.passed_over:
         count = len(selected.resolved)
-        _note_sample(plan, test.nodeid, "junctions", count, count + selected.passed_over, options.seed)
+        plan.drawn[Drawn(test.nodeid, "junctions", count, count + selected.passed_over, options.seed)] = None
     return selected.resolved
 
 
 def _planned_runs(resolved: Sequence[Resolved], test: pytest.Function, options: Options) -> Iterator[PlannedRun]:
     """Yield the runs of a test, or a sample of these runs, and note how many runs and scenarios are left out."""
+    from pytest_rvads.report.session_report import Drawn
+
     plan = test.config.stash[PLAN]
     most = sum(at_junction.runs for at_junction in resolved) if options.sample else 0
     watch = partial(_watched, test.config, f"runs of {test.originalname} to draw from", least=_RUNS, most=most)
@@ -261,9 +258,10 @@ def _planned_runs(resolved: Sequence[Resolved], test: pytest.Function, options: 
                     "raise --rvads-max-items"
                 )
         if len(drawn) < runs.total:
-            _note_sample(plan, test.nodeid, "runs", len(drawn), runs.total, options.seed)
+            plan.drawn[Drawn(test.nodeid, "runs", len(drawn), runs.total, options.seed)] = None
         yield from drawn
-    _note_left_out(plan.unfit, test.nodeid, runs.unfit)
+    if runs.unfit:
+        plan.unfit[test.nodeid] = plan.unfit.get(test.nodeid, 0) + runs.unfit
     if runs.crossed:
         plan.refused.setdefault(_CROSSED, {})[f"{runs.crossed} of {test.nodeid}"] = None
 
@@ -284,17 +282,6 @@ def _refuse_many(marks: Sequence[Resolved], options: Options) -> None:
         f"would expand to {most} items {factors if len(marks) == 1 else f'at {len(marks):,} junctions'}: "
         "narrow the grid, use --rvads-cover=class, run some of them by --rvads-sample, or raise --rvads-max-items"
     )
-
-
-def _note_left_out(left_out: dict[str, int], test: str, count: int) -> None:
-    if count:
-        left_out[test] = left_out.get(test, 0) + count
-
-
-def _note_sample(plan: Plan, test: str, what: str, taken: int, total: int, seed: int) -> None:
-    from pytest_rvads.report.session_report import Drawn
-
-    plan.drawn[Drawn(test, what, taken, total, seed)] = None
 
 
 def _watched(config: pytest.Config, what: str, things: Iterable[T], least: int, most: int = 0) -> Iterator[T]:

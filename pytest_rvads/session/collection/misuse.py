@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from numbers import Integral
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -35,6 +36,13 @@ def told_at(place: str) -> Iterator[None]:
         yield
     except RvadsError as error:
         raise Misuse(f"{place}: {error}") from None
+
+
+def beside(folder: Path, map: Any) -> Any:
+    """Return the path of a map file below the folder of a test; `map` itself if there is no such file."""
+    if isinstance(map, str | os.PathLike) and (folder / map).is_file():
+        return str(folder / map)
+    return map
 
 
 def refuse_unknown(what: str, given: Iterable[str], known: Iterable[str]) -> None:

@@ -21,7 +21,7 @@ from pytest_rvads.runs.readers import READERS, files_of, matching, read_runs
 from pytest_rvads.runs.recording import Recording
 from pytest_rvads.runs.runfile import glance
 from pytest_rvads.session.collection.ask import judged_at, one_or_several
-from pytest_rvads.session.collection.cells import RecordedCell
+from pytest_rvads.session.collection.cells import RecordedCell, named
 from pytest_rvads.session.collection.misuse import refuse_unknown
 from pytest_rvads.support.errors import RvadsError, ScenarioError
 from pytest_rvads.support.wording import one_line
@@ -42,21 +42,19 @@ class OpenFiles:
     """
 
     def __init__(self, limit: float | None = None) -> None:
-        self._limit = limit
-        self._read = lru_cache(2)(lambda path: self._limited(read_runs(path)))
+        def limited(runs: Any) -> Any:
+            if limit is None:
+                return runs
+            if isinstance(runs, list | tuple):
+                return [limited(run) for run in runs]
+            return replace(runs, junction=runs.junction.limited(limit), facts=replace(runs.facts, speed_limit=limit))
+
+        self._read = lru_cache(2)(lambda path: limited(read_runs(path)))
 
     def runs(self, path: str) -> Sequence[Run]:
         """Return the runs of a file as a sequence; a sequence of recorded traffic makes a run only when the run is accessed."""
         runs: Sequence[Run] = self._read(path)
         return runs
-
-    def _limited(self, runs: Any) -> Any:
-        limit = self._limit
-        if limit is None:
-            return runs
-        if isinstance(runs, list | tuple):
-            return [self._limited(run) for run in runs]
-        return replace(runs, junction=runs.junction.limited(limit), facts=replace(runs.facts, speed_limit=limit))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,23 +105,16 @@ class Recordings:
             try:
                 place, runs = _junction_and_labels(path, opened)
             except RvadsError as error:
-                yield self._cell(path, 0, None, None, name, str(error))
+                naming = named(name, {"junction": _UNKNOWN, "recording": name}, None, self.requirement)
+                yield RecordedCell(str(path), 0, None, str(error), 0, "", *naming)
                 continue
             rules = judged_at(self.rules or ("road",), place) if takes_rule else (None,)
             for index, run in enumerate(runs):
                 label = f"{name}-{run}" if run else name
-                yield from (self._cell(path, index, rule, place, label) for rule in rules)
-
-    def _cell(
-        self, path: Path, index: int, rule: Rule | None, place: Junction | None, run: str, trouble: str = ""
-    ) -> RecordedCell:
-        keys: dict[str, str | int] = {"junction": place.name if place else _UNKNOWN, "recording": run}
-        traced = (*self.requirement, rule.requirement) if rule and rule.requirement else self.requirement
-        ways, control = (place.ways, place.control.value) if place else (0, "")
-        if rule is None:
-            return RecordedCell(str(path), index, rule, trouble, ways, control, run, run, keys, traced)
-        keys["rule"] = rule.name
-        return RecordedCell(str(path), index, rule, trouble, ways, control, f"{run}-{rule.name}", run, keys, traced)
+                keys: dict[str, str | int] = {"junction": place.name, "recording": label}
+                for rule in rules:
+                    naming = named(label, keys, rule, self.requirement)
+                    yield RecordedCell(str(path), index, rule, "", place.ways, place.control.value, *naming)
 
 
 def _junction_and_labels(path: Path, opened: OpenFiles) -> tuple[Junction, Sequence[str]]:

@@ -30,7 +30,7 @@ from pytest_rvads.search.falsify import Search
 from pytest_rvads.search.starts import Begin, lines_at
 from pytest_rvads.search.trials import Setting
 from pytest_rvads.session.collection.cells import cells_of
-from pytest_rvads.session.collection.misuse import caller, told_at
+from pytest_rvads.session.collection.misuse import beside, caller, told_at
 from pytest_rvads.session.items import CELL, RECORD, RUN, SIMULATOR, VERDICTS, checked_name
 from pytest_rvads.session.options import OPTIONS
 from pytest_rvads.simulators.simulator import made_by, usable
@@ -90,7 +90,7 @@ def falsify(
     place = caller()
     with told_at(place):
         if space.get("map") is not None:
-            space = {**space, "map": _map_file(place, space["map"])}
+            space = {**space, "map": beside(_folder(place), space["map"])}
         search = Search.of(junction, rule, traffic, budget, seed, space)
         search.parts(searches)
         if isinstance(rule, Rule):  # a rule that is given by name is looked up when the test runs
@@ -150,7 +150,7 @@ def critical(
     """
     place = caller()
     with told_at(place):
-        at = junction if isinstance(junction, Junction) else find(junction, map and _map_file(place, map))
+        at = junction if isinstance(junction, Junction) else find(junction, map and beside(_folder(place), map))
         lines = lines_at(at, seats, (pedestrians,) if isinstance(pedestrians, str) else tuple(pedestrians))
         judged = rules_for(rules)
         for rule in judged:
@@ -183,9 +183,13 @@ def _cell(line: Line, policy: Policy) -> Cell:
     configuration = "critical" if line.begin is Begin.MOVING else str(line.begin)
     walkers = [line.walker] if line.walker else []
     scenario = Scenario(line.place, line.directions, subject=line.seat, configuration=configuration, pedestrians=walkers)
-    (cell,) = cells_of(scenario, policy, [(None, ())])
+    (cell,) = cells_of(scenario, policy, (None,), ())
     keys = cell.keys | ({"pedestrians": line.named()[1]} if line.walker else {})
     return replace(cell, id=line.id, run=line.id, keys=keys)
+
+
+def _folder(place: str) -> Path:
+    return Path(place.rpartition(":")[0]).parent
 
 
 def _record(item: pytest.Item, sides: Sequence[CriticalStart], setting: Setting) -> None:
@@ -215,14 +219,6 @@ def _record(item: pytest.Item, sides: Sequence[CriticalStart], setting: Setting)
         arrivals=measured,
         **of_run(run),
     )
-
-
-def _map_file(place: str, map: Any) -> Any:
-    """Return the path of a map that is given relative to the test file; `map` itself if there is no such file."""
-    if not isinstance(map, str | PathLike):
-        return map
-    beside = Path(place.rpartition(":")[0]).parent / map
-    return str(beside) if beside.is_file() else map
 
 
 @dataclass(frozen=True)
