@@ -42,17 +42,28 @@ def extensions(config: pytest.Config, rules: Path | None) -> Extensions:
     if _EXTENSIONS in config.stash:
         return config.stash[_EXTENSIONS]
     from pytest_rvads.geometry.finder import names
+    from pytest_rvads.logic.rules.book import current_book, load_rules
+    from pytest_rvads.logic.rules.rule import Rule
 
-    _register_rules(config, rules)
+    if rules is not None:
+        load_rules(rules)
+    for given in config.hook.pytest_rvads_rules(config=config):
+        if isinstance(given, str | bytes | Mapping) or not hasattr(given, "__iter__"):
+            raise ScenarioError(f"pytest_rvads_rules must give a list of rules or files of rules, got {given!r}")
+        for rule in given:
+            if isinstance(rule, str | Path):
+                load_rules(config.rootpath / rule)
+            elif not isinstance(rule, Rule) or rule not in current_book().own:
+                raise ScenarioError(f"pytest_rvads_rules must give rules made by rvads.rule or files of rules, got {rule!r}")
     junctions: dict[str, tuple[str, str]] = {}
-    for name, value in _merged("pytest_rvads_junctions", config.hook.pytest_rvads_junctions(config=config), names()).items():
+    for name, value in _merged(config, "pytest_rvads_junctions", names()).items():
         if not (_is_pair(value) and isinstance(value[0], str | Path) and isinstance(value[1], str)):
             raise ScenarioError(
                 f"pytest_rvads_junctions must give a map file and a junction in it for {name!r}, such as "
                 f"('town.xodr', '169'), got {value!r}"
             )
         junctions[name] = str((config.rootpath / value[0]).resolve()), value[1]
-    grids = _merged("pytest_rvads_grids", config.hook.pytest_rvads_grids(config=config), ("paper", *"ABCDEFGHIJ"))
+    grids = _merged(config, "pytest_rvads_grids", ("paper", *"ABCDEFGHIJ"))
     for name, value in grids.items():
         if not _is_pair(value):
             raise ScenarioError(f"pytest_rvads_grids must give distances and speeds for {name!r}, got {value!r}")
@@ -60,27 +71,10 @@ def extensions(config: pytest.Config, rules: Path | None) -> Extensions:
     return config.stash[_EXTENSIONS]
 
 
-def _register_rules(config: pytest.Config, file: Path | None) -> None:
-    __tracebackhide__ = True
-    from pytest_rvads.logic.rules.book import current_book, load_rules
-    from pytest_rvads.logic.rules.rule import Rule
-
-    if file is not None:
-        load_rules(file)
-    for rules in config.hook.pytest_rvads_rules(config=config):
-        if isinstance(rules, str | bytes | Mapping) or not hasattr(rules, "__iter__"):
-            raise ScenarioError(f"pytest_rvads_rules must give a list of rules or files of rules, got {rules!r}")
-        for rule in rules:
-            if isinstance(rule, str | Path):
-                load_rules(config.rootpath / rule)
-            elif not isinstance(rule, Rule) or rule not in current_book().own:
-                raise ScenarioError(f"pytest_rvads_rules must give rules made by rvads.rule or files of rules, got {rule!r}")
-
-
-def _merged(hook: str, results: Sequence[Any], taken: Sequence[str]) -> dict[str, Any]:
+def _merged(config: pytest.Config, hook: str, taken: Sequence[str]) -> dict[str, Any]:
     """Merge the dictionaries that the implementations of a hook return into one dictionary."""
     merged: dict[str, Any] = {}
-    for names in results:
+    for names in getattr(config.hook, hook)(config=config):
         if not isinstance(names, Mapping):
             raise ScenarioError(f"{hook} must give a dict with names as keys, got {names!r}")
         for name, value in names.items():
