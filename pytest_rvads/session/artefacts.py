@@ -9,7 +9,7 @@ from __future__ import annotations
 from base64 import b64encode
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -39,20 +39,13 @@ _BASELINE: pytest.StashKey[Report | None] = pytest.StashKey()
 """The report of the earlier session (baseline), which a process reads when the first failure is shown."""
 
 
-@dataclass(frozen=True, slots=True)
-class Shown:
-    """The replay page and the picture of a failure."""
-
-    text: str
-    """Path of the replay page with the time of the violation, or the command that draws the page, or the reason for neither."""
-    page: str = ""
-    """Path of the replay page with the time of the violation; empty without a page."""
-    image: str = ""
-    """SVG text of the picture; empty if no picture was drawn."""
-
-
-def look(item: pytest.Item, run: Run, verdict: Verdict, rule: str | Rule, notes: str, around: Callable[[], Beside]) -> Shown:
+def look(
+    item: pytest.Item, run: Run, verdict: Verdict, rule: str | Rule, notes: str, around: Callable[[], Beside]
+) -> tuple[str, str]:
     """Save the run of a failure, and draw its replay page and picture if the failure is among the first of the process.
+
+    Return the path of the page with the time of the violation, and the picture (SVG). Without a page, return the command that
+    draws the page or the reason for neither, and an empty text.
 
     An error while saving or drawing becomes the text of the result, because a picture never costs a verdict.
     """
@@ -64,10 +57,10 @@ def look(item: pytest.Item, run: Run, verdict: Verdict, rule: str | Rule, notes:
         folder = session.make()
         unsaved = _save(folder, run)
     except Exception as error:
-        return Shown(f"not drawn: {named_error(error)}")
+        return f"not drawn: {named_error(error)}", ""
     if drawn.total() >= _MOST_PAGES and drawn[verdict.rule]:
         folder_option = option(Path(session.relative(folder)))
-        return Shown(f"not drawn, and {unsaved}" if unsaved else f"rvads replay {folder_option} {quoted(item.nodeid)}")
+        return f"not drawn, and {unsaved}" if unsaved else f"rvads replay {folder_option} {quoted(item.nodeid)}", ""
     try:
         from pytest_rvads.report.failure_page import failure_pages, failure_picture, moment
 
@@ -77,10 +70,9 @@ def look(item: pytest.Item, run: Run, verdict: Verdict, rule: str | Rule, notes:
         image = failure_picture(run, verdict)
         write_file(path.with_suffix(".svg"), image.encode())
     except Exception as error:
-        return Shown(f"not drawn: {named_error(error)}")
+        return f"not drawn: {named_error(error)}", ""
     drawn[verdict.rule] += 1
-    address = f"{session.relative(path)}#t={moment(run, verdict):.2f}"
-    return Shown(address, address, image)
+    return f"{session.relative(path)}#t={moment(run, verdict):.2f}", image
 
 
 def show(item: pytest.Item, report: pytest.TestReport, image: str) -> None:
@@ -118,8 +110,9 @@ def beside(item: pytest.Item, options: Options, record: Record, run: Run, start:
     """
     from pytest_rvads.logic.check import other_verdicts
     from pytest_rvads.logic.rules.book import rules_for
+    from pytest_rvads.report import files
     from pytest_rvads.report.draw.replay import Beside
-    from pytest_rvads.report.failure_page import facts, usual_rules
+    from pytest_rvads.report.failure_page import earlier_run, facts, usual_rules
     from pytest_rvads.report.folders import INDEX
     from pytest_rvads.report.run_record import summed
 
@@ -128,25 +121,15 @@ def beside(item: pytest.Item, options: Options, record: Record, run: Run, start:
     named = [rule for node, mark in marks if node is marks[0][0] for rule in mark.args[0].rules or ()]
     rules = rules_for(named, run.junction) if named else usual_rules(run)
     verdicts = summed(other_verdicts(run, rules, record.verdicts[-1].rule))
-    ghost = _ghost(item, options, run)
+    ghost = None
+    if options.baseline is not None and run.excerpt is None:
+        stash = item.config.stash
+        if _BASELINE not in stash:
+            stash[_BASELINE] = None
+            with suppress(RvadsError):  # the file was replaced after the main process had read it
+                stash[_BASELINE] = files.load(options.baseline)
+        if report := stash[_BASELINE]:
+            here = item.config.invocation_params.dir
+            ghost = earlier_run(report, options.baseline.parent, here, item.nodeid, run)
     name = options.baseline.name if ghost is not None and options.baseline else ""
     return Beside(facts(record, start, rerun), verdicts, INDEX, ghost, name)
-
-
-def _ghost(item: pytest.Item, options: Options, run: Run) -> Run | None:
-    """Return the run of the test item in the baseline; None without a baseline, or if the earlier run was not kept."""
-    if options.baseline is None or run.excerpt is not None:
-        return None
-    from pytest_rvads.report import files
-    from pytest_rvads.report.failure_page import earlier_run
-
-    stash = item.config.stash
-    if _BASELINE not in stash:
-        try:
-            stash[_BASELINE] = files.load(options.baseline)
-        except RvadsError:  # the file was replaced after the main process had read it
-            stash[_BASELINE] = None
-    report = stash[_BASELINE]
-    if report is None:
-        return None
-    return earlier_run(report, options.baseline.parent, item.config.invocation_params.dir, item.nodeid, run)

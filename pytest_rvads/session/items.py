@@ -288,9 +288,9 @@ def _explanation(item: pytest.Item, verdict: Verdict, record: Record, report: py
         rule = cell.rule if cell.rule and cell.rule.name == verdict.rule else verdict.rule
         start = cell.path if isinstance(cell, RecordedCell) else cell.scenario.describe()
         around = partial(beside, item, options, record, run, start, command)
-        shown = look(item, run, verdict, rule, "\n".join((*lines, rerun)), around)
-        lines.append(f"look      {shown.text}")
-        page = shown.page
-        if shown.image:
-            show(item, report, shown.image)
+        shown, image = look(item, run, verdict, rule, "\n".join((*lines, rerun)), around)
+        lines.append(f"look      {shown}")
+        if image:
+            page = shown
+            show(item, report, image)
     return "\n".join((*lines, rerun)), page

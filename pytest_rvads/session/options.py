@@ -346,10 +346,8 @@ def declare(parser: pytest.Parser) -> None:
         group.addoption(
             _flag(name), **keywords | {"help": option.help.partition(";")[0] if option.everyday else argparse.SUPPRESS}
         )
-        if option.several:
-            parser.addini(ini, help=f"see {_HELP}", type="linelist", default=[])
-        else:
-            parser.addini(ini, help=f"see {_HELP}", type="string", default="")
+        default: list[str] | str = [] if option.several else ""
+        parser.addini(ini, help=f"see {_HELP}", type="linelist" if option.several else "string", default=default)
     shows = f"show all {len(_DECLARED)} options of this plugin, and exit"
     group.addoption(_HELP, dest="rvads_help", action="store_true", help=shows)
 

@@ -44,17 +44,18 @@ class SessionFolder:
 
     def __init__(self, config: pytest.Config, options: Options) -> None:
         self._token: str = getattr(config, "workerinput", {}).get(_TOKEN) or uuid4().hex
-        self._start, self._artefacts = config.invocation_params.dir, options.artefacts or ""
+        self._name = options.artefacts or ""
+        self._root = config.invocation_params.dir / self._name
 
     def make(self) -> Path:
         """Return the path of the folder, which is made if it does not exist."""
         from pytest_rvads.report.folders import claimed
 
-        return claimed(self._start / self._artefacts, self._token)
+        return claimed(self._root, self._token)
 
     def relative(self, path: Path) -> str:
         """Return a path in the folder, relative to the directory in which the session was started."""
-        return (Path(self._artefacts) / path.relative_to(self._start / self._artefacts)).as_posix()
+        return (Path(self._name) / path.relative_to(self._root)).as_posix()
 
     @pytest.hookimpl(optionalhook=True)
     def pytest_configure_node(self, node: Any) -> None:
