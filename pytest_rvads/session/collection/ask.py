@@ -101,7 +101,26 @@ class Ask:
         values: dict[str, Any] = {argument.name: argument.default for argument in fields(cls) if argument.name != "place"}
         refuse_unknown("@rvads.scenario takes", given, values)
         values |= given
-        _refuse(values)
+        junction = values["junction"]
+        if junction is None and values["junctions"] is None:
+            raise ScenarioError(
+                f"name a junction, several junctions, or {EVERY!r} for all junctions of a map, or give junctions="
+            )
+        if not isinstance(junction, str | Iterable | None):
+            raise ScenarioError(f"write @rvads.scenario('stop4', ...) with the name of a junction in quotes, got {junction!r}")
+        for name, (fits, expected) in _SINGLE.items():
+            if not fits(values[name]):
+                raise ScenarioError(f"{name} must be {expected}, got {values[name]!r}")
+        named = {name for name, value in values.items() if value is not None}
+        if named >= {"classes", "scenarios"}:
+            raise ScenarioError("give classes= or scenarios=, not both: a scenario names its class")
+        if named & {"classes", "scenarios"} and values["cover"] in CHOOSING:
+            cover = values["cover"]
+            raise ScenarioError(f"cover={cover!r} chooses scenarios itself: leave classes= and scenarios= out, or the cover")
+        if named >= {"grid", "distances"} or named & {"speeds", "distances"} == {"speeds"}:
+            raise ScenarioError("give either grid=, or distances= with speeds=")
+        if named & {"traffic", "subject"} == {"traffic"}:
+            raise ScenarioError("traffic= drives the vehicles beside a subject: say subject=0 or 'all', or leave traffic= out")
         check_numbers(values["duration"], values["aggression"], values["wait"])
         if isinstance(values["senses"], Mapping):
             values["senses"] = Senses.grid(values["senses"])
@@ -183,16 +202,12 @@ class Ask:
             left_out=left_out,
             **{name: getattr(self, name) for name in _UNCHANGED},
         )
-        rules = self.judged_by(place) if takes_rule else (None,)
+        named = cast("tuple[str | Rule, ...] | None", self.rules) or ("paper" if self.subject is None else "road",)
+        rules = judged_at(named, place) if takes_rule else (None,)
         traffic = cast("tuple[Policy | None, ...]", self.traffic)  # without a subject, the only policy is None
         resolved = Resolved(self.place, selection, traffic, rules, tuple(self.requirement or ()))
         resolved.check()
         return resolved
-
-    def judged_by(self, place: Junction) -> tuple[Rule, ...]:
-        """Return the rules that judge the runs at a junction."""
-        rules = cast("tuple[str | Rule, ...] | None", self.rules)
-        return judged_at(rules or ("paper" if self.subject is None else "road",), place)
 
     def _source(self, junction: str, folder: Path, default: str | None, added: Extensions) -> tuple[str, str | None]:
         """Return the name of a junction and the path of its map file, the arguments of `find`."""
@@ -253,28 +268,6 @@ def judged_at(names: Sequence[str | Rule], place: Junction) -> tuple[Rule, ...]:
 
 _UNCHANGED = ("occupancy", "classes", "subject", "followers", "senses", "pedestrians", "duration", "aggression", "wait")
 """Arguments of the mark that are passed to `Selection` unchanged."""
-
-
-def _refuse(arguments: Mapping[str, Any]) -> None:
-    """Raise a `ScenarioError` for a wrong value, or for arguments that exclude each other."""
-    junction = arguments["junction"]
-    if junction is None and arguments["junctions"] is None:
-        raise ScenarioError(f"name a junction, several junctions, or {EVERY!r} for all junctions of a map, or give junctions=")
-    if not isinstance(junction, str | Iterable | None):
-        raise ScenarioError(f"write @rvads.scenario('stop4', ...) with the name of a junction in quotes, got {junction!r}")
-    for name, (fits, expected) in _SINGLE.items():
-        if not fits(arguments[name]):
-            raise ScenarioError(f"{name} must be {expected}, got {arguments[name]!r}")
-    named = {name for name, value in arguments.items() if value is not None}
-    if named >= {"classes", "scenarios"}:
-        raise ScenarioError("give classes= or scenarios=, not both: a scenario names its class")
-    if named & {"classes", "scenarios"} and arguments["cover"] in CHOOSING:
-        cover = arguments["cover"]
-        raise ScenarioError(f"cover={cover!r} chooses scenarios itself: leave classes= and scenarios= out, or the cover")
-    if named >= {"grid", "distances"} or named & {"speeds", "distances"} == {"speeds"}:
-        raise ScenarioError("give either grid=, or distances= with speeds=")
-    if named & {"traffic", "subject"} == {"traffic"}:
-        raise ScenarioError("traffic= drives the vehicles beside a subject: say subject=0 or 'all', or leave traffic= out")
 
 
 def _values_of(name: str, axis: Any) -> list[float | tuple[float, ...]] | None:
