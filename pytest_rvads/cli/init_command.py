@@ -10,16 +10,12 @@ from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
 from string import Template
-from typing import TYPE_CHECKING
 
 from pytest_rvads.cli.common import MAP_FORMATS, Subparsers, say
-from pytest_rvads.cli.shared_options import share
+from pytest_rvads.cli.shared_options import conflicting, share
 from pytest_rvads.geometry.control import JunctionControl, Sign
 from pytest_rvads.support.errors import MapError, RunError, RvadsError, ScenarioError
 from pytest_rvads.support.wording import page
-
-if TYPE_CHECKING:
-    from pytest_rvads.geometry.junction import Junction
 
 WORKFLOW = ".github/workflows/rules.yml"
 """Path in a repository: the workflow file that GitHub runs at every push."""
@@ -95,8 +91,23 @@ def _test_files(options: argparse.Namespace, folder: Path) -> dict[str, str]:
         return {"test_rules.py": template("test_recordings.txt", {"recordings": from_folder})}
     place, tests = None, template("test_rules.txt")
     if options.map:
-        place, at = _map_junction(options.map, options.junction)
-        tests = template("test_map.txt", at | {"map": from_folder})
+        from pytest_rvads.geometry.finder import find
+        from pytest_rvads.scenarios.classes import label
+        from pytest_rvads.scenarios.selection import alone
+
+        usable = [options.junction] if options.junction else conflicting(options.map)
+        if not usable:
+            where = f"rvads map {shlex.quote(options.map)}"
+            raise MapError(f"{options.map} has no usable junction where ways meet: {where} tells why")
+        place = find(usable[0], options.map)
+        values = {
+            "junction": usable[0],
+            "grid": ("S21", "S46") if place.control is JunctionControl.STOP else ("S42", "S53"),
+            "alone": tuple(label(code, place.lanes) for code in alone(place)),
+            "first": "H" if place.control is JunctionControl.LIGHTS else "C",  # 20 m before the line
+            "map": from_folder,
+        }
+        tests = template("test_map.txt", values)
     if options.sut:
         try:
             words = shlex.split(options.sut)
@@ -137,28 +148,3 @@ def _next(options: argparse.Namespace) -> list[str]:
         return [*steps, failures, f"more: {page('attach-your-stack')}"]
     replacement = "Then put your controller in place of MyController in conftest.py."
     return [*steps, failures, replacement, f"more: {page('tutorial')}"]
-
-
-def _map_junction(file: str, named_junction: str | None) -> tuple[Junction, dict[str, object]]:
-    """Return the named junction of a map, or else its first junction with conflicting ways, and values for its test file."""
-    from pytest_rvads.geometry.conflicts import JunctionKind
-    from pytest_rvads.geometry.finder import find
-    from pytest_rvads.geometry.road_map import describe, read_map
-    from pytest_rvads.scenarios.classes import label
-    from pytest_rvads.scenarios.selection import alone
-
-    junctions = describe(read_map(file))["junctions"] if named_junction is None else ()
-    usable = (
-        [named_junction]
-        if named_junction
-        else [junction["id"] for junction in junctions if junction["kind"] not in (None, JunctionKind.CONFLICT_FREE)]
-    )
-    if not usable:
-        raise MapError(f"{file} has no usable junction where ways meet: rvads map {shlex.quote(file)} tells why")
-    place = find(usable[0], file)
-    return place, {
-        "junction": usable[0],
-        "grid": ("S21", "S46") if place.control is JunctionControl.STOP else ("S42", "S53"),
-        "alone": tuple(label(code, place.lanes) for code in alone(place)),
-        "first": "H" if place.control is JunctionControl.LIGHTS else "C",  # 20 m before the line
-    }

@@ -74,7 +74,7 @@ def _classes(options: argparse.Namespace) -> int:
         return ((orbits.label(n), orbits.members(code)) for n, code in enumerate(islice(orbits, shown), start=1))
 
     if options.svg:
-        write_file(Path(options.svg), draw_classes(place.ways if place else int(options.place), title, list(rows())).encode())
+        write_file(Path(options.svg), draw_classes(place.ways if place else int(options.place), title, rows()).encode())
     print(title)
     for name, members in rows():
         print(f"{name}  {label(members[0], lanes)}  {' '.join(label(m, lanes) for m in members[1:])}".rstrip())
@@ -85,26 +85,25 @@ def _classes(options: argparse.Namespace) -> int:
 
 def draw_classes(ways: int, title: str, rows: Iterable[tuple[str, Sequence[tuple[int, ...]]]]) -> str:
     """Return an SVG document with a diagram of every scenario of some classes."""
+    rows = list(rows)
     body = [text(10, 24, title, font_size=15, font_weight="bold")]
     body.append(text(10, 42, "direction: number of arms from entrance to exit, counter-clockwise", font_size=10))
     for d in range(1, ways):
         left = 10 + (d - 1) * _LABEL
         line = f'<path d="M{left} 56h24" stroke="{_COLOURS[d - 1]}" stroke-width="2" marker-end="url(#d{d})"/>'
         body.append(line + text(left + 34, 60, str(d)))
-    count = 0
-    for label, members in rows:
-        top = _HEAD + count * _CELL
+    for number, (label, members) in enumerate(rows):
+        top = _HEAD + number * _CELL
         body.append(text(10, top + _CELL / 2 + 4, label))
         for column, member in enumerate(members):
             x, y = _LABEL + (column + 0.5) * _CELL, top + _CELL / 2
             body.append(f'<g transform="translate({x:g} {y:g})">{_diagram(ways, member)}</g>')
-        count += 1
     markers = "".join(
         f'<marker id="d{d}" viewBox="0 0 6 6" refX="4" refY="3" markerWidth="5" markerHeight="5" orient="auto">'
         f'<path d="M0 0L6 3L0 6z" fill="{_COLOURS[d - 1]}"/></marker>'
         for d in range(1, ways)
     )
-    return document(_LABEL + ways * _CELL + 10, _HEAD + 10 + count * _CELL, body, markers)
+    return document(_LABEL + ways * _CELL + 10, _HEAD + 10 + len(rows) * _CELL, body, markers)
 
 
 def _diagram(ways: int, directions: Sequence[int]) -> str:

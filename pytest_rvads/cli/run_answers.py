@@ -132,7 +132,7 @@ def judged(files: Sequence[str], judge: Judge, processes: int = 1) -> Generator[
 
 @dataclass
 class Judge:
-    """Judges the runs of parts of files; the runs of the last file stay in memory if the file holds several runs."""
+    """Judges the runs of parts of files; the runs of the last file stay in memory."""
 
     rules: tuple[str, ...]
     """Names of rules, as on the command line."""
@@ -142,7 +142,7 @@ class Judge:
     """Whether a single file is checked; then indicators are computed for every run that is no excerpt of a recording."""
     pages: str | None = None
     """Folder of the pages of failures."""
-    _last_read: tuple[str, Sequence[Run]] | None = None
+    _last_read: tuple[str, Sequence[Run]] = ("", ())
 
     @cached_property
     def _rules(self) -> tuple[Rule, ...]:
@@ -151,13 +151,10 @@ class Judge:
     def __call__(self, part: _Part) -> Batch:
         """Return the verdicts on the runs in a part of a file; for an unreadable file or run, return the error."""
         try:
-            if self._last_read is not None and self._last_read[0] == part.file:
-                runs = self._last_read[1]
-            else:
-                self._last_read = None  # the runs of two files can be larger than memory
-                runs = read_runs(part.file)
-                if len(runs) > 1:
-                    self._last_read = part.file, runs
+            if self._last_read[0] != part.file:
+                self._last_read = "", ()  # the runs of two files can be larger than memory
+                self._last_read = part.file, read_runs(part.file)
+            runs = self._last_read[1]
             total = len(runs)
         except Exception as error:
             return Batch(part.file, 0, error=sentence(error))

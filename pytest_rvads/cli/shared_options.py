@@ -173,12 +173,18 @@ def map_of(options: argparse.Namespace) -> str | None:
     return place
 
 
+def conflicting(map: str) -> list[str]:
+    """Return the ids of the junctions of a map in which ways conflict."""
+    from pytest_rvads.geometry.conflicts import JunctionKind
+    from pytest_rvads.geometry.road_map import describe, read_map
+
+    return [one["id"] for one in describe(read_map(map))["junctions"] if one["kind"] not in (None, JunctionKind.CONFLICT_FREE)]
+
+
 def places(options: argparse.Namespace) -> Iterator[Junction]:
     """Yield the junctions that the options name; of a whole map, those without a line of starts are left out with a warning."""
     from pytest_rvads.drivers.walking import behaviour
-    from pytest_rvads.geometry.conflicts import JunctionKind
     from pytest_rvads.geometry.finder import find
-    from pytest_rvads.geometry.road_map import describe, read_map
     from pytest_rvads.search.starts import lines_at
 
     for name in options.pedestrians:
@@ -187,8 +193,7 @@ def places(options: argparse.Namespace) -> Iterator[Junction]:
     if map is None or options.junction:
         yield find(options.junction or options.place, map)
         return
-    described = describe(read_map(map))["junctions"]
-    ids = [one["id"] for one in described if one["kind"] not in (None, JunctionKind.CONFLICT_FREE)]
+    ids = conflicting(map)
     if not ids:
         raise MapError(f"{map} has no junction in which ways conflict: `rvads map {shlex.quote(map)}` says why")
     left_out: list[ScenarioError] = []
