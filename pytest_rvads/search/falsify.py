@@ -189,16 +189,16 @@ def _falsify(search: Search, trial: _Trial, vehicle: Vehicle, name: str | None, 
 
     from pytest_rvads.search import strategies
 
-    simplest: list[Scenario] = []
+    simplest: list[tuple[Scenario, Verdict]] = []
 
     def attempt(scenario: Scenario) -> None:
-        verdict = trial.judge(scenario)
-        if verdict is None:
+        judged = trial.judge(scenario)
+        if judged is None:
             return
-        if trial.counts[scenario]:
-            simplest[:] = [scenario]
+        if judged.broken:
+            simplest[:] = [(scenario, judged.verdict)]
             raise _Broken
-        target(score(verdict, trial.apart[scenario]))
+        target(judged.score)
 
     # The name of the function is part of the key in the example database of Hypothesis.
     attempt.__name__ = re.sub(r"\W", "_", f"{name}__{search.place.name}__{trial.rule.name}")
@@ -220,7 +220,7 @@ def _falsify(search: Search, trial: _Trial, vehicle: Vehicle, name: str | None, 
         try:
             configured(seeded(f"{search.seed} block {block}")(given(scenarios)(attempt)))()
         except _Broken:
-            return Counterexample(simplest[0], trial.verdicts[simplest[0]], trial.first or 0, trial.simulations)
+            return Counterexample(*simplest[0], trial.first or 0, trial.simulations)
         except SkipTest:  # the example database holds no scenario
             return None
         if stored or trial.simulations in (before, trial.budget):
@@ -230,6 +230,16 @@ def _falsify(search: Search, trial: _Trial, vehicle: Vehicle, name: str | None, 
 
 class _Broken(Exception):
     """Tells Hypothesis that a scenario is a counterexample; Hypothesis ends with this error for the simplest counterexample."""
+
+
+class _Judged(NamedTuple):
+    """What a search keeps of the run of a scenario."""
+
+    verdict: Verdict
+    broken: bool
+    """Whether the run is a counterexample: the rule is violated, and its vehicles could have obeyed it."""
+    score: float
+    """How near the run was to a violation, see `score`."""
 
 
 class _Trial:
@@ -243,40 +253,36 @@ class _Trial:
         """Whether the rule applied in a run in which a vehicle crossed the junction, see `crossed`; other runs test nothing."""
         self.first: int | None = None
         """Number of simulations until the first counterexample or error; None before."""
-        self.counts: dict[Scenario, bool] = {}
-        """By scenario, whether its run is a counterexample: the rule is violated, and its vehicles could have obeyed it."""
-        self.verdicts: dict[Scenario, Verdict] = {}
-        self.apart: dict[Scenario, float] = {}
-        """By scenario, the shortest post-encroachment time in its run, see `_apart` [s]."""
-        self.errors: dict[Scenario, Exception] = {}
-        """By scenario, the error of its simulation; Hypothesis repeats a scenario with an error and must get the same error."""
-        self._case = case
         self.simulator = simulator
+        self._case = case
+        self._judged: dict[Scenario, _Judged | Exception] = {}
+        """Judged runs, or errors; Hypothesis repeats a scenario with an error and must get the same error."""
 
-    def judge(self, scenario: Scenario) -> Verdict | None:
-        """Return the verdict on the run of a scenario; None if the budget is spent."""
-        if scenario in self.errors:
-            raise self.errors[scenario]
-        if scenario not in self.verdicts:
+    def judge(self, scenario: Scenario) -> _Judged | None:
+        """Return the judged run of a scenario; None if the budget is spent."""
+        if scenario not in self._judged:
             if self.simulations - (self.first or 0) >= self.budget:
                 return None
             self.simulations += 1
+            answer: _Judged | Exception
             try:
                 run = simulate(self._case(scenario), self.simulator)
             except Exception as error:
-                self.first = self.first or self.simulations
-                self.errors[scenario] = error
-                raise
-            verdict = self.verdicts[scenario] = check(run, self.rule)
-            self.apart[scenario] = _apart(run, scenario.under_test)
-            self.triggered = self.triggered or (verdict.status not in (Status.NA, Status.ERROR) and crossed(run))
-            self.counts[scenario] = broken(run, verdict)
-            if self.first is None and (self.counts[scenario] or verdict.status is Status.ERROR):
+                answer = error
+            else:
+                verdict = check(run, self.rule)
+                if verdict.status is Status.ERROR:
+                    answer = RunError(f"{scenario!r} can't be judged by {self.rule.name}: {verdict.reason}")
+                else:
+                    self.triggered = self.triggered or (verdict.status is not Status.NA and crossed(run))
+                    answer = _Judged(verdict, broken(run, verdict), score(verdict, _apart(run, scenario.under_test)))
+            if self.first is None and (isinstance(answer, Exception) or answer.broken):
                 self.first = self.simulations
-        verdict = self.verdicts[scenario]
-        if verdict.status is Status.ERROR:
-            raise RunError(f"{scenario!r} can't be judged by {self.rule.name}: {verdict.reason}")
-        return verdict
+            self._judged[scenario] = answer
+        answer = self._judged[scenario]
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
 
 
 def score(verdict: Verdict, apart: float) -> float:

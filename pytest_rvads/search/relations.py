@@ -196,7 +196,15 @@ def _on_other_map(
     scenario, before = case.scenario, case.scenario.place
     if scenario.pedestrians and len(before.crossings) != len(after.crossings):
         return Incomparable(what, "the other map has other crosswalks")
-    arms = _matching_arms(before, after, place)
+
+    def middles(junction: Junction) -> list[NDArray[np.float64]]:
+        ends = [
+            [junction.way_in(e).points[-1] for e in arm.entrances] + [junction.way_out(x).points[0] for x in arm.exits]
+            for arm in junction.arms
+        ]
+        return [np.mean(points, axis=0) for points in ends]
+
+    arms = _nearest(middles(before), middles(after), place)
     centres, others = ([c.area.mean(axis=0) for c in junction.crossings] for junction in (before, after))
     crosswalks = _nearest(centres, others, place) if scenario.pedestrians else ()
     numbers = {(lane.arm, lane.lane): e for e, lane in enumerate(after.entrances)}
@@ -234,19 +242,6 @@ def _on_other_map(
         rotation=row,
         order=[(e - row) % count for e in order],
     )
-
-
-def _matching_arms(before: Junction, after: Junction, place: Callable[[float, float], tuple[float, float]]) -> tuple[int, ...]:
-    """Return, for each arm of `before`, the arm of `after` at the position to which `place` maps the arm."""
-
-    def middles(junction: Junction) -> list[NDArray[np.float64]]:
-        ends = [
-            [junction.way_in(e).points[-1] for e in arm.entrances] + [junction.way_out(x).points[0] for x in arm.exits]
-            for arm in junction.arms
-        ]
-        return [np.mean(points, axis=0) for points in ends]
-
-    return _nearest(middles(before), middles(after), place)
 
 
 def _nearest(
