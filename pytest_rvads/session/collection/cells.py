@@ -288,29 +288,24 @@ class Runs:
         """Whether several marks can select the same run."""
         self.total = 0
         """Number of runs at the last iteration."""
-        self.unfit = 0
-        """Number of scenarios without room for their vehicles at the last iteration."""
-        self.crossed = 0
-        """Number of scenarios whose pedestrian would have crossed before the run begins, at the last iteration."""
+        self.unfit = Unfit()
+        """The scenarios that the last iteration left out."""
 
     def __iter__(self) -> Iterator[PlannedRun]:
         """Yield each run once per distinct mark that asks for the run."""
         return self._watch(self._distinct())
 
     def _distinct(self) -> Iterator[PlannedRun]:
-        self.total, self.unfit, self.crossed = 0, 0, 0
+        self.total, self.unfit = 0, Unfit()
         runs: dict[str, PlannedRun] = {}
         for resolved in self._resolved:
-            unfit = Unfit()
             with told_at(f"{resolved.mark}: {self._test}"):
-                for scenario, policy in runs_of(resolved.selection, resolved.traffic, unfit):
+                for scenario, policy in runs_of(resolved.selection, resolved.traffic, self.unfit):
                     run = PlannedRun(resolved, scenario, policy)
                     if self._repeats and (first := runs.setdefault(run.name, run)) is not run and first[1:] == run[1:]:
                         continue
                     self.total += 1
                     yield run
-            self.unfit += unfit.count
-            self.crossed += unfit.crossed
 
     def drawn(self, size: int, seed: int) -> list[PlannedRun]:
         """Return a sample of `size` runs, spread over junctions, classes and configurations."""

@@ -41,7 +41,7 @@ FILES: pytest.StashKey[OpenFiles] = pytest.StashKey()
 _DRIVING = ("rvads_sut", "rvads_autopilot", "rvads_vehicle", "rvads_simulator")
 """Fixtures that only simulated runs need; in test items of recorded runs these fixtures are None."""
 _CROSSED = "with scenarios left out in which a pedestrian would have crossed before the run begins"
-"""The message on tests for which `Runs.crossed` is not 0."""
+"""The message on tests for which `Unfit.crossed` is not 0."""
 _KNOWN: pytest.StashKey[dict[Known, tuple[str, bool]]] = pytest.StashKey()
 """By known deficiency, the id of the node with its mark, and whether the deficiency matches a test item."""
 
@@ -64,9 +64,7 @@ def expand(metafunc: pytest.Metafunc, options: Options) -> None:
     if takes_recorded:
         why = "has @rvads.scenario(...) but takes rvads_recorded, a run that nobody simulated: take run instead"
         raise pytest.Collector.CollectError(f"{asks[0].place}: {test.nodeid} {why}")
-    _check_takes_run(metafunc, asks[0].place, "scenario")
-    with told_at(test.nodeid):
-        added = extensions(metafunc.config, options.rules)
+    added = _extensions(metafunc, asks[0].place, "scenario", options)
     resolved: list[Resolved] = []
     for ask in asks:
         with told_at(f"{ask.place}: {test.nodeid}"):
@@ -89,9 +87,7 @@ def expand_recorded(metafunc: pytest.Metafunc, options: Options) -> None:
     if next(test.iter_markers("rvads_scenario"), None):
         why = "has @rvads.recorded(...) and @rvads.scenario(...), but a run is one or the other: make two tests of it"
         raise pytest.Collector.CollectError(f"{asks[0].place}: {test.nodeid} {why}")
-    _check_takes_run(metafunc, asks[0].place, "recorded")
-    with told_at(test.nodeid):
-        extensions(metafunc.config, options.rules)  # registers the rules of users, so that the marks can name them
+    _extensions(metafunc, asks[0].place, "recorded", options)
     opened = metafunc.config.stash.setdefault(FILES, OpenFiles(options.speed_limit))
     cells: dict[str, RecordedCell] = {}
     for ask in asks:
@@ -143,8 +139,11 @@ def _nearest(test: pytest.Function, name: str, kind: type[T]) -> list[T]:
     return [arguments for node, arguments in marks if node is marks[0][0]]
 
 
-def _check_takes_run(metafunc: pytest.Metafunc, place: str, mark: str) -> None:
-    """Raise a `CollectError` for a test that has a mark and does not use the run of the mark."""
+def _extensions(metafunc: pytest.Metafunc, place: str, mark: str, options: Options) -> Extensions:
+    """Register the rules of users, which marks can name, and return their junctions and grids.
+
+    Raise a `CollectError` for a test that has a mark and does not use the run of the mark.
+    """
     test = metafunc.definition
     if "rvads_run" not in metafunc.fixturenames:
         why = "takes neither run nor monitor: add an argument"
@@ -156,6 +155,8 @@ def _check_takes_run(metafunc: pytest.Metafunc, place: str, mark: str) -> None:
         if "run" in (name.strip() for name in (names.split(",") if isinstance(names, str) else names)):
             why = f"has @rvads.{mark}(...), which gives it its `run`: parametrize another argument"
             raise pytest.Collector.CollectError(f"{place}: {test.nodeid} {why}")
+    with told_at(test.nodeid):
+        return extensions(metafunc.config, options.rules)
 
 
 def _line(test: pytest.Function) -> str:
@@ -260,10 +261,10 @@ def _planned_runs(resolved: Sequence[Resolved], test: pytest.Function, options: 
         if len(drawn) < runs.total:
             plan.drawn[Drawn(test.nodeid, "runs", len(drawn), runs.total, options.seed)] = None
         yield from drawn
-    if runs.unfit:
-        plan.unfit[test.nodeid] = plan.unfit.get(test.nodeid, 0) + runs.unfit
-    if runs.crossed:
-        plan.refused.setdefault(_CROSSED, {})[f"{runs.crossed} of {test.nodeid}"] = None
+    if runs.unfit.count:
+        plan.unfit[test.nodeid] = plan.unfit.get(test.nodeid, 0) + runs.unfit.count
+    if runs.unfit.crossed:
+        plan.refused.setdefault(_CROSSED, {})[f"{runs.unfit.crossed} of {test.nodeid}"] = None
 
 
 def _refuse_many(marks: Sequence[Resolved], options: Options) -> None:
