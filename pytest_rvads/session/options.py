@@ -11,7 +11,7 @@ import math
 import os
 import shlex
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
 from functools import partial
 from pathlib import Path
@@ -22,10 +22,10 @@ import pytest
 from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.wording import page
 
-_Parse = Callable[[pytest.Config, str, str], Any]
-"""Returns the value of an option from the configuration of the session, the ini name of the option, and its text.
+_Parse = Callable[[pytest.Config, str, Any], Any]
+"""Returns the value of an option from the configuration of the session, the ini name of the option, and its text or texts.
 
-Raises an `RvadsError` for a text that is no value of the option.
+It is not called for an empty text, whose value is None. Raises an `RvadsError` for a text that is no value of the option.
 """
 
 
@@ -52,21 +52,17 @@ def _option(help: str, parse: _Parse, default: str = "", metavar: str = "", **mo
     return field(metadata={"option": _Option(help, parse, default, metavar, **more)})
 
 
-def _text(_config: pytest.Config, _name: str, text: str) -> str | None:
-    return text or None
+def _text(_config: pytest.Config, _name: str, text: str) -> str:
+    return text
 
 
-def _count(_config: pytest.Config, name: str, text: str, least: int = 1) -> int | None:
-    if not text:
-        return None
+def _count(_config: pytest.Config, name: str, text: str, least: int = 1) -> int:
     if not (text.isdecimal() and len(text) < 10 and int(text) >= least):
         raise RvadsError(f"{name} must be a whole number from {least} to 999999999, got {text!r:.60}")
     return int(text)
 
 
-def _number(_config: pytest.Config, name: str, text: str, most: float) -> float | None:
-    if not text:
-        return None
+def _number(_config: pytest.Config, name: str, text: str, most: float) -> float:
     try:
         number = float(text)
     except ValueError:
@@ -84,40 +80,32 @@ def _seconds(config: pytest.Config, name: str, text: str) -> float:
     return seconds
 
 
-def _rate(config: pytest.Config, name: str, text: str) -> float | None:
-    """Return a number of decisions per second that divides 100 [Hz]; None for an option that is not set."""
+def _rate(config: pytest.Config, name: str, text: str) -> float:
+    """Return a number of decisions per second that divides 100 [Hz]."""
     rate = _number(config, name, text, 100.0)
-    if rate is not None and not (rate and math.isclose(round(100.0 / rate) * rate, 100.0)):
+    if not (rate and math.isclose(round(100.0 / rate) * rate, 100.0)):
         raise RvadsError(f"{name} must divide 100, such as 10, 20, 25 or 50, got {text!r}")
     return rate
 
 
-def _speed(_config: pytest.Config, name: str, text: str) -> float | None:
+def _speed(_config: pytest.Config, name: str, text: str) -> float:
     """Return a speed limit [m/s]."""
-    if not text:  # most sessions set no limit and need no reader of maps
-        return None
     from pytest_rvads.geometry.opendrive.xmlfile import speed_of
 
     return speed_of(text, name)
 
 
-def _path_from_start(config: pytest.Config, _name: str, text: str) -> Path | None:
-    return config.invocation_params.dir / text if text else None
+def _path_from_start(config: pytest.Config, _name: str, text: str) -> Path:
+    return config.invocation_params.dir / text
 
 
-def _map(config: pytest.Config, name: str, _text: str) -> str | None:
+def _map(config: pytest.Config, name: str, text: str) -> str:
     """Return the map file; a flag or variable is relative to the working directory, an ini setting to pytest's root folder."""
-    flag = config.getoption(name) or os.environ.get("RVADS_MAP")
-    if flag:
-        return str(Path(flag).resolve())
-    ini = config.getini(name)
-    return str((config.rootpath / ini).resolve()) if ini else None
+    named_here = config.getoption(name) or os.environ.get("RVADS_MAP")
+    return str((Path.cwd() if named_here else config.rootpath).joinpath(text).resolve())
 
 
-def _reports(config: pytest.Config, name: str, _text: str) -> tuple[Path, ...]:
-    paths: list[str] = config.getoption(name) or config.getini(name)
-    if not paths:  # most sessions of an environment write no report and need no format
-        return ()
+def _reports(config: pytest.Config, name: str, paths: Sequence[str]) -> tuple[Path, ...]:
     from pytest_rvads.report.files import FORMATS
 
     formats = [ending for ending in FORMATS if ending != ".xml"]
@@ -240,7 +228,7 @@ class Options:
     )
     rules: Path | None = _option(
         "file with your rules; see `rvads rules FILE`",
-        lambda config, _, text: config.rootpath / text if text else None,
+        lambda config, _, text: config.rootpath / text,
         everyday=True,
         again=True,
     )
@@ -311,12 +299,11 @@ class Options:
         """Read the options of a session."""
         texts: dict[str, str] = {}
         for name, option in _DECLARED.items():
-            if option.several:
-                continue
             ini, flag = _ini_name(name), config.getoption(_ini_name(name))
-            if flag is not None and not flag.strip():  # for example an unset variable of a CI job
+            if isinstance(flag, str) and not flag.strip():  # for example an unset variable of a CI job
                 raise RvadsError(f"{_flag(name)} needs a value, got {flag!r}: give a value, or leave the option out")
-            texts[name] = flag or config.getini(ini) or option.default
+            variable = os.environ.get("RVADS_MAP") if name == "map" else None
+            texts[name] = flag or variable or config.getini(ini) or option.default
             if option.choices and texts[name] and texts[name] not in option.choices:
                 raise RvadsError(f"{ini} must be one of {', '.join(option.choices)}, got {texts[name]!r}")
         if texts["sut"] and texts["autopilot"]:
@@ -325,7 +312,10 @@ class Options:
             )
         if texts["fail_on"] != "any" and not texts["baseline"]:
             raise RvadsError(f"rvads_fail_on={texts['fail_on']} needs something to compare with: add --rvads-baseline=FILE.json")
-        values = {name: option.parse(config, _ini_name(name), texts.get(name, "")) for name, option in _DECLARED.items()}
+        values: dict[str, Any] = {}
+        for name, option in _DECLARED.items():  # most options are not set, and need no format and no reader of maps
+            nothing = () if option.several else None
+            values[name] = option.parse(config, _ini_name(name), texts[name]) if texts[name] else nothing
         # The next session reads the same ini file, so the command repeats flags only.
         flags = ((name, config.getoption(_ini_name(name))) for name, option in _DECLARED.items() if option.again)
         again = shlex.join(["pytest", *(f"{_flag(name)}={value}" for name, value in flags if value)])
