@@ -130,7 +130,7 @@ class Line:
         """
         if self.walker:
             most = math.floor(longest / STEP)
-            crossed = max(self._walked(LONGEST).walkers()[0].crossed, -longest - STEP)
+            crossed = max(self._started(LONGEST).walkers()[0].crossed, -longest - STEP)
             return max(math.floor(crossed / STEP + 1e-6) + 1, -most), most
         subject, other = (way[0] for way in self.ways)
         room, other_room = (self._room(entrance) / self._speed(entrance) for entrance in (subject, other))  # [s]
@@ -144,18 +144,27 @@ class Line:
 
     def scenario(self, lead: int) -> Scenario:
         """Return the scenario of the line with a lead in steps of `STEP`; the lead is positive if the subject is early."""
-        subject, other = (way[0] for way in self.ways)
-        seconds = lead * STEP
+        scenario = self._started(lead * STEP)
         if self.walker:
-            scenario = self._walked(seconds)
-            scenario.walkers()
-            return scenario
+            scenario.walkers()  # an error if the pedestrian has crossed when the run begins
+        else:
+            scenario.starts()  # an error if a vehicle has no room
+        return scenario
+
+    def _started(self, seconds: float) -> Scenario:
+        """Return the scenario of the line whose lead is `seconds`, whether there is room for its agents or not."""
+        subject, other = (way[0] for way in self.ways)
         count = len(self.directions)
         distances, speeds = [_NEAREST] * count, [0.0] * count
+        times = {}
         if self.begin is Begin.REST:
-            times = {other: seconds}
+            distances[subject] = _AT_LINE
+            if not self.walker:
+                times[other] = seconds
+        elif self.walker:
+            times[subject] = _SHORTEST
         elif self.by_yellow:
-            times = {subject: _BEFORE_YELLOW - seconds}
+            times[subject] = _BEFORE_YELLOW - seconds
             distances[other] = _AT_RED
         else:
             early = max(_SHORTEST, _SHORTEST - seconds)
@@ -164,20 +173,6 @@ class Line:
             # A vehicle that is nearer than `_SHORTEST` is slower in proportion, so that the same braking stops it at its line.
             speeds[entrance] = round(self._speed(entrance) * min(time / _SHORTEST, 1.0), 2)
             distances[entrance] = max(round(speeds[entrance] * time, 2), _AT_LINE)
-        if self.begin is Begin.REST:
-            distances[subject] = _AT_LINE
-        scenario = Scenario(
-            self.place, self.directions, distance=distances, speed=speeds, subject=self.seat, elapsed=self._elapsed()
-        )
-        scenario.starts()
-        return scenario
-
-    def _walked(self, seconds: float) -> Scenario:
-        """Return the scenario of a line with a pedestrian whose lead is `seconds`."""
-        assert self.walker
-        count, speed = len(self.directions), 0.0 if self.begin is Begin.REST else self._speed(self.seat)
-        distances, speeds = [_NEAREST] * count, [0.0] * count
-        distances[self.seat], speeds[self.seat] = max(round(speed * _SHORTEST, 2), _AT_LINE), speed
         return Scenario(
             self.place,
             self.directions,
@@ -185,7 +180,7 @@ class Line:
             speed=speeds,
             subject=self.seat,
             elapsed=self._elapsed(),
-            pedestrians=[replace(self.walker, difference=seconds)],
+            pedestrians=[replace(self.walker, difference=seconds)] if self.walker else [],
         )
 
     def _elapsed(self) -> int:
