@@ -214,13 +214,11 @@ def priority(records: Iterable[Record], failed: Mapping[str, Any], history: Mapp
     runs: dict[tuple[Any, ...], list[str]] = {}
     classes: dict[tuple[Any, ...], list[tuple[Any, ...]]] = {}
     for record in records:
-        group: tuple[Any, ...] = (record.junction,)
-        start: tuple[Any, ...]
+        group: tuple[Any, ...] = record.junction, None if isinstance(record, RecordedItem) else record.cls
         if isinstance(record, RecordedItem):
-            start = (record.recording,)
+            start: tuple[Any, ...] = (record.recording,)
         else:
-            vehicles = record.scenario, record.cfg, record.rotation, record.seat
-            group, start = (*group, record.cls), (*vehicles, record.pedestrians)
+            start = record.scenario, record.cfg, record.rotation, record.seat, record.pedestrians
         run = record.nodeid.partition("[")[0], *group, *start
         if run not in runs:
             classes.setdefault(group, []).append(run)

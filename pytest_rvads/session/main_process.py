@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import shlex
+from collections import defaultdict
 from collections.abc import Generator
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -260,6 +261,10 @@ class Session:
 
         plan, ini = self.planner.plan(), self.config.inipath
         records = in_order(list(self.records.values()))
+        seconds: defaultdict[str, float] = defaultdict(float)  # that all test items of each run took
+        for record in self.records.values():
+            if record.run:
+                seconds[record.where] += self.seconds.get(record.nodeid, 0.0)
         report = Report(
             records,
             totals(records),
@@ -271,7 +276,7 @@ class Session:
             again=self.options.again,
             refused={reason: tuple(names) for reason, names in plan.refused.items()},
             drawn=tuple(plan.drawn),
-            seconds=self._by_run(),
+            seconds={name: round(total, 3) for name, total in seconds.items()},
             began=self.began,
             command=printable(shlex.join(["pytest", *map(os.fspath, self.config.invocation_params.args)])),
             project=sha256(ini.read_bytes()).hexdigest()[:12] if ini and ini.is_file() else self.config.rootpath.name,
@@ -302,14 +307,6 @@ class Session:
             return os.path.relpath(self.options.keep, self.config.invocation_params.dir)
         except ValueError:  # no relative path leads to another drive of Windows
             return str(self.options.keep)
-
-    def _by_run(self) -> dict[str, float]:
-        """Return the time that all test items of each run took, by name of the run [s]."""
-        seconds: dict[str, float] = {}
-        for nodeid, record in self.records.items():
-            if record.run:
-                seconds[record.where] = seconds.get(record.where, 0.0) + self.seconds.get(nodeid, 0.0)
-        return {name: round(total, 3) for name, total in seconds.items()}
 
     def _judge_changes(self, report: Report, exitstatus: int, cut: bool) -> int:
         """Return the exit status; ``--rvads-fail-on`` excuses failures that the baseline has as well, but not if `cut` is set."""
