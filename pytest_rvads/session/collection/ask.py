@@ -149,7 +149,15 @@ class Ask:
         takes_rule: bool,
     ) -> Selected:
         """Return the runs and rules that the mark selects at each junction."""
-        sources = [self._source(name, folder, options.map, added) for name in self.junction or ()]
+        sources: list[tuple[str, str | None]] = []  # names of junctions and paths of map files, the arguments of `find`
+        for name in self.junction or ():
+            if self.map is not None:
+                sources.append((name, str(Path(beside(folder, self.map)).resolve())))
+            elif name in added.junctions:
+                registered, id = added.junctions[name]
+                sources.append((id, registered))
+            else:
+                sources.append((name, None if name in NAMES else options.map))
         choice = choose_among(sources, kinds=cast("Kinds | None", self.junctions))
         places = [place.limited(options.speed_limit) if options.speed_limit else place for place in choice.junctions]
         resolved: dict[Junction, Resolved] = {}
@@ -185,8 +193,27 @@ class Ask:
     ) -> Resolved:
         """Return the runs and rules that the mark selects at a junction."""
         place = place.walked if self.pedestrians else place
-        configurations, left_out = self._configurations(place, options, grids, watch)
-        entrances, codes = len(place.entrances), []
+        entrances = len(place.entrances)
+        names = self.grid or (options.grid or ("paper" if self.subject is None else ARRIVALS),)
+        axes = [grids[name] for name in names if name in grids]
+        letters = [name for name in names if name not in grids]
+        if self.distances:
+            axes, letters = [(self.distances, self.speeds or [0.0])], []
+        paper = grid(letters, entrances, place.control) if letters else ()
+        points = [configuration for distances, speeds in axes for configuration in explicit(distances, speeds, entrances)]
+        stopping = points
+        if points and not self.probe:
+            from pytest_rvads.simulators.simulator import vmax  # most tests need no physics before they run
+
+            envelope = partial(vmax, aggression=self.aggression, limit=place.top_limit)
+            stopping = [point for point in watch(points) if not outside(point, envelope)]
+        if points and not stopping and not paper:
+            asked = f"distances={axes[0][0]!r}, speeds={axes[0][1]!r}" if self.distances else f"grid={names!r}"
+            raise ScenarioError(
+                f"every point of {asked} is too fast to stop before the line "
+                "(`rvads dynamics braking` lists v(d)max): lower the speeds, or say probe=True to run them all the same"
+            )
+        codes = []
         for text in self.scenarios or ():
             codes.append(code := parse(text))
             if len(code) != entrances:
@@ -196,10 +223,10 @@ class Ask:
             cover = "class"
         selection = Selection(
             place,
-            configurations,
+            tuple(dict.fromkeys((*paper, *stopping))),
             cover,
             scenarios=tuple(codes) or None,
-            left_out=left_out,
+            left_out=len(points) - len(stopping),  # points beyond the braking envelope
             **{name: getattr(self, name) for name in _UNCHANGED},
         )
         named = cast("tuple[str | Rule, ...] | None", self.rules) or ("paper" if self.subject is None else "road",)
@@ -208,44 +235,6 @@ class Ask:
         resolved = Resolved(self.place, selection, traffic, rules, tuple(self.requirement or ()))
         resolved.check()
         return resolved
-
-    def _source(self, junction: str, folder: Path, default: str | None, added: Extensions) -> tuple[str, str | None]:
-        """Return the name of a junction and the path of its map file, the arguments of `find`."""
-        if self.map is not None:
-            return junction, str(Path(beside(folder, self.map)).resolve())
-        if junction in added.junctions:
-            registered, name = added.junctions[junction]
-            return name, registered
-        return junction, None if junction in NAMES else default
-
-    def _configurations(
-        self,
-        place: Junction,
-        options: Options,
-        grids: Mapping[str, tuple[Any, Any]],
-        watch: Callable[..., Iterable[Configuration]],
-    ) -> tuple[tuple[Configuration, ...], int]:
-        """Return the configurations (distances and speeds) to run, and how many are left out beyond the braking envelope."""
-        ways, names = len(place.entrances), self.grid or (options.grid or ("paper" if self.subject is None else ARRIVALS),)
-        axes = [grids[name] for name in names if name in grids]
-        letters = [name for name in names if name not in grids]
-        if self.distances:
-            axes, letters = [(self.distances, self.speeds or [0.0])], []
-        paper = grid(letters, ways, place.control) if letters else ()
-        explicit_points = [configuration for distances, speeds in axes for configuration in explicit(distances, speeds, ways)]
-        stopping = explicit_points
-        if explicit_points and not self.probe:
-            from pytest_rvads.simulators.simulator import vmax  # most tests need no physics before they run
-
-            envelope = partial(vmax, aggression=self.aggression, limit=place.top_limit)
-            stopping = [point for point in watch(explicit_points) if not outside(point, envelope)]
-        if explicit_points and not stopping and not paper:
-            points = f"distances={axes[0][0]!r}, speeds={axes[0][1]!r}" if self.distances else f"grid={names!r}"
-            raise ScenarioError(
-                f"every point of {points} is too fast to stop before the line "
-                "(`rvads dynamics braking` lists v(d)max): lower the speeds, or say probe=True to run them all the same"
-            )
-        return tuple(dict.fromkeys((*paper, *stopping))), len(explicit_points) - len(stopping)
 
 
 def one_or_several(name: str, value: Any) -> tuple[Any, ...] | None:
