@@ -104,11 +104,6 @@ def expand_recorded(metafunc: pytest.Metafunc, options: Options) -> None:
     _parametrize(metafunc, list(cells.values()), [name for name in _DRIVING if name in metafunc.fixturenames])
 
 
-def is_recorded(item: pytest.Item) -> bool:
-    """Return whether a test item judges a recorded run."""
-    return item.get_closest_marker("rvads_recorded") is not None
-
-
 def idle(item: pytest.Item) -> None:
     """Note the marks ``@rvads.known`` of a test that has no items from marks, so that these marks are reported as unused."""
     noted = item.config.stash.setdefault(_KNOWN, {})

@@ -27,7 +27,6 @@ from pytest_rvads.support.errors import RvadsError, ScenarioError
 from pytest_rvads.support.wording import one_line
 
 if TYPE_CHECKING:
-    from pytest_rvads.geometry.junction import Junction
     from pytest_rvads.logic.rules.rule import Rule
     from pytest_rvads.runs.run import Run
 
@@ -100,36 +99,33 @@ class Recordings:
         return names
 
     def cells(self, files: Iterable[tuple[Path, str]], opened: OpenFiles, takes_rule: bool) -> Iterator[RecordedCell]:
-        """Yield a cell per recorded run and rule; an unreadable file gives one cell with an error."""
+        """Yield a cell per recorded run and rule; an unreadable file gives one cell with an error.
+
+        A run is named by its file; if the file holds several runs, also by its label or the time of its busy period.
+        """
         for path, name in files:
             try:
-                place, runs = _junction_and_labels(path, opened)
+                place, labels = glance(path), [""]
+                if place is None:
+                    runs = opened.runs(str(path))
+                    if not len(runs):
+                        raise RvadsError(f"{path}: holds no run, so there is nothing to judge: nobody came near the junction")
+                    place = runs.junction if isinstance(runs, Recording) else runs[0].junction
+                    if len(runs) > 1 and isinstance(runs, Recording):  # the runs of a recording are not made here
+                        labels = _distinct(f"t{period.busy:06.1f}" for period in runs.periods)
+                    elif len(runs) > 1:
+                        labels = _distinct(_id_text(run.label) for run in runs)
             except RvadsError as error:
                 naming = named(name, {"junction": _UNKNOWN, "recording": name}, None, self.requirement)
                 yield RecordedCell(str(path), 0, None, str(error), 0, "", *naming)
                 continue
             rules = judged_at(self.rules or ("road",), place) if takes_rule else (None,)
-            for index, run in enumerate(runs):
-                label = f"{name}-{run}" if run else name
+            for index, of_run in enumerate(labels):
+                label = f"{name}-{of_run}" if of_run else name
                 keys: dict[str, str | int] = {"junction": place.name, "recording": label}
                 for rule in rules:
                     naming = named(label, keys, rule, self.requirement)
                     yield RecordedCell(str(path), index, rule, "", place.ways, place.control.value, *naming)
-
-
-def _junction_and_labels(path: Path, opened: OpenFiles) -> tuple[Junction, Sequence[str]]:
-    """Return the junction of a file and the labels of its runs in ids; the label of a single run is empty."""
-    place = glance(path)
-    if place is not None:
-        return place, ("",)
-    runs = opened.runs(str(path))
-    if not len(runs):
-        raise RvadsError(f"{path}: holds no run, so there is nothing to judge: nobody came near the junction")
-    if len(runs) == 1:
-        return (runs.junction if isinstance(runs, Recording) else runs[0].junction), ("",)
-    if isinstance(runs, Recording):  # the runs of a recording are not made here
-        return runs.junction, _distinct(f"t{period.busy:06.1f}" for period in runs.periods)
-    return runs[0].junction, _distinct(_id_text(run.label) for run in runs)
 
 
 def _distinct(names: Iterable[str]) -> list[str]:
