@@ -22,7 +22,7 @@ from pytest_rvads.session import hooks
 from pytest_rvads.session.chosen_driver import code_of, offer
 from pytest_rvads.session.closing import Closing
 from pytest_rvads.session.collection.cells import register_marks
-from pytest_rvads.session.collection.expansion import expand, expand_recorded, idle, is_recorded, unused
+from pytest_rvads.session.collection.expansion import expand, expand_recorded, idle, unused
 from pytest_rvads.session.collection.extensions import open_book, open_session, outliving
 from pytest_rvads.session.interrupts import BUDGET, Budget, end_with_parent, heed, limits
 from pytest_rvads.session.items import RECORD, attach, letter, prepare, unwound
@@ -96,12 +96,12 @@ def pytest_configure(config: pytest.Config) -> None:
         raise pytest.UsageError(str(error)) from error
     if options.driver:
         offer(config)
-    seconds = options.time_budget
-    config.stash[BUDGET] = None if seconds is None else Budget(config, seconds)
-    if config.stash[BUDGET]:
-        config.pluginmanager.register(config.stash[BUDGET], "rvads_budget")
-    config.stash[FOLDER] = SessionFolder(config, options)
-    config.pluginmanager.register(config.stash[FOLDER], "rvads_folder")
+    config.stash[BUDGET] = None
+    if options.time_budget is not None:
+        budget = config.stash[BUDGET] = Budget(config, options.time_budget)
+        config.pluginmanager.register(budget, "rvads_budget")
+    folder = config.stash[FOLDER] = SessionFolder(config, options)
+    config.pluginmanager.register(folder, "rvads_folder")
     config.pluginmanager.register(Recorded(), "rvads_recorded")
     planner = Planner(config)
     config.pluginmanager.register(planner, "rvads_planner")
@@ -139,7 +139,7 @@ def pytest_report_header(config: pytest.Config) -> list[str]:
 def pytest_report_collectionfinish(config: pytest.Config, items: list[pytest.Item]) -> str | None:
     """Return a line which says that a fixture chooses the driver, if no option names a driver."""
     items_of_plugin = (item for item in items if {"rvads_cell", "rvads_autopilot"} <= {*getattr(item, "fixturenames", ())})
-    if config.stash[OPTIONS].driver or all(map(is_recorded, items_of_plugin)):
+    if config.stash[OPTIONS].driver or all(item.get_closest_marker("rvads_recorded") for item in items_of_plugin):
         return None
     return "rvads: driven by what the fixture rvads_autopilot returns"
 

@@ -92,14 +92,14 @@ class Teller:
 
     def __enter__(self) -> Teller:
         if self._options.json:
-            self._write(f'{{"version": {VERSION}')
+            print(f'{{"version": {VERSION}', end="", flush=True)
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         whole = kind is None
         try:
             if whole and self._options.json:
-                self._write("\n}\n")
+                print("\n}", flush=True)
             elif whole and not self.for_program and self._runs and (self._excerpts or not self.alone):
                 say("\n".join(self._totals()))
         finally:
@@ -179,7 +179,8 @@ class Teller:
         kpis = answer.kpis
         if self._options.json:
             content = _verdicts(answer) | ({} if kpis is None else {_KPIS: kpis.record()})
-            self._write(f",\n{json.dumps(label)}: {json.dumps(content)}")
+            # The object is printed piece by piece, so that memory does not hold all runs.
+            print(f",\n{json.dumps(label)}: {json.dumps(content)}", end="", flush=True)
         elif self._options.jsonl:
             content = {"run": label, "file": answer.file, "start": answer.start, "vehicles": answer.vehicles}
             content |= {"verdicts": _verdicts(answer)} | ({} if kpis is None else {"kpis": kpis.record()})
@@ -193,13 +194,8 @@ class Teller:
             if lines or complete:
                 say("\n  ".join((label, *lines)))
 
-    def _write(self, text: str) -> None:
-        """Print a piece of the JSON object, which is printed piece by piece, so that memory does not hold all runs."""
-        sys.stdout.write(text)
-        sys.stdout.flush()
-
     def _write_line(self, content: dict[str, Any]) -> None:
-        self._write(f"{json.dumps({'version': VERSION} | content)}\n")
+        print(json.dumps({"version": VERSION} | content), flush=True)
 
     def _totals(self) -> Iterator[str]:
         """Yield the lines of a table of the numbers of verdicts by rule, and a line on the number of judged runs."""

@@ -127,8 +127,8 @@ def _replay(options: argparse.Namespace) -> int:
         return _draw_all(session, chosen)
     record = _single_failure(chosen, session, what, options.rule)
     page = session.page(record)
-    shown = session.replayed(record, Path(options.output) if options.output else page)
-    _write_replay(shown, Path(options.output or page))
+    path = Path(options.output or page)
+    _write_replay(session.replayed(record, path), path)
     if page.exists():
         _link_pages(session)
     return 0

@@ -46,7 +46,23 @@ class Closing:
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> Generator[None, object, object]:
         """Make the summary; print the causes, the path of the page, and the reasons why the session fails, below all sections."""
         encode_all(sys.stdout)
-        self._summary = summary = self._summarised(terminalreporter)
+        report = self._session.report
+        if report and has_run(report):
+            from pytest_rvads.report.terminal import summarise
+
+            try:
+                self._summary = summarise(
+                    report,
+                    colour=terminalreporter.hasmarkup,
+                    width=shutil.get_terminal_size().columns,
+                    unicode=(sys.stdout.encoding or "").lower().startswith("utf"),
+                    full=terminalreporter.verbosity >= 2,
+                    more="-vv shows them all",
+                    head=False,
+                )
+            except Exception as error:
+                self._session.troubles.append(f"the summary could not be shown: {named_error(error)}")
+        summary = self._summary
         try:
             return (yield)
         finally:
@@ -59,7 +75,7 @@ class Closing:
                 terminalreporter.write_line(f"rvads: {summary.last}", yellow=True)
             for trouble in self._session.troubles:
                 terminalreporter.write_line(f"rvads: {printable(trouble)}", red=True)
-            self._session.outputs.annotate(self._session.report, terminalreporter)
+            self._session.outputs.annotate(report, terminalreporter)
 
     @pytest.hookimpl(specname="pytest_terminal_summary", tryfirst=True)
     def pytest_print_verdicts(self, terminalreporter: pytest.TerminalReporter) -> None:
@@ -67,23 +83,3 @@ class Closing:
         if self._summary:
             terminalreporter.section("rvads verdicts")
             terminalreporter.write(self._summary.verdicts)
-
-    def _summarised(self, reporter: pytest.TerminalReporter) -> Summary | None:
-        report = self._session.report
-        if not (report and has_run(report)):
-            return None
-        from pytest_rvads.report.terminal import summarise
-
-        try:
-            return summarise(
-                report,
-                colour=reporter.hasmarkup,
-                width=shutil.get_terminal_size().columns,
-                unicode=(sys.stdout.encoding or "").lower().startswith("utf"),
-                full=reporter.verbosity >= 2,
-                more="-vv shows them all",
-                head=False,
-            )
-        except Exception as error:
-            self._session.troubles.append(f"the summary could not be shown: {named_error(error)}")
-            return None

@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 
@@ -336,8 +336,8 @@ def declare(parser: pytest.Parser) -> None:
         group.addoption(
             _flag(name), **keywords | {"help": option.help.partition(";")[0] if option.everyday else argparse.SUPPRESS}
         )
-        default: list[str] | str = [] if option.several else ""
-        parser.addini(ini, help=f"see {_HELP}", type="linelist" if option.several else "string", default=default)
+        kind: Literal["linelist", "string"] = "linelist" if option.several else "string"
+        parser.addini(ini, f"see {_HELP}", kind, [] if option.several else "")
     shows = f"show all {len(_DECLARED)} options of this plugin, and exit"
     group.addoption(_HELP, dest="rvads_help", action="store_true", help=shows)
 
