@@ -90,14 +90,9 @@ def _lights_follow(junction: Junction, rotation: int, rows: int) -> bool:
     groups, count = junction.phase_groups, len(junction.entrances)
     if len(groups) < 2:
         return True
-    groups_before, groups_after = (
-        rotate(groups, -first_green(junction, rotation)),
-        rotate(groups, -first_green(junction, (rotation + rows) % count)),
-    )
-    return all(
-        frozenset((e + rows) % count for e in group) == later_group
-        for group, later_group in zip(groups_before, groups_after, strict=True)
-    )
+    before = rotate(groups, -first_green(junction, rotation))
+    after = rotate(groups, -first_green(junction, (rotation + rows) % count))
+    return tuple(frozenset((e + rows) % count for e in group) for group in before) == after
 
 
 def creation(case: Case) -> Iterator[Variant | Incomparable]:

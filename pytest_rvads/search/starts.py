@@ -173,24 +173,19 @@ class Line:
             # A vehicle that is nearer than `_SHORTEST` is slower in proportion, so that the same braking stops it at its line.
             speeds[entrance] = round(self._speed(entrance) * min(time / _SHORTEST, 1.0), 2)
             distances[entrance] = max(round(speeds[entrance] * time, 2), _AT_LINE)
+        # The vehicle that moves first has green.
+        mover = subject if self.begin is Begin.MOVING or self.walker else other
+        turn = next((turn for turn, group in enumerate(self.place.phase_groups) if mover in group), None)
+        passed = GREEN - _BEFORE_YELLOW if self.by_light else 0.0
         return Scenario(
             self.place,
             self.directions,
             distance=distances,
             speed=speeds,
             subject=self.seat,
-            elapsed=self._elapsed(),
+            elapsed=0 if turn is None else round(turn * SLOT + passed),
             pedestrians=[replace(self.walker, difference=seconds)] if self.walker else [],
         )
-
-    def _elapsed(self) -> int:
-        """Return the time of the lights' cycle at which the scenario starts [s]; the vehicle that moves first has green."""
-        mover = self.seat if self.begin is Begin.MOVING or self.walker else self.ways[1][0]
-        for turn, group in enumerate(self.place.phase_groups):
-            if mover in group:
-                passed = GREEN - _BEFORE_YELLOW if self.by_light else 0.0
-                return round(turn * SLOT + passed)
-        return 0
 
     def _speed(self, entrance: int) -> float:
         """Return the speed of a vehicle at its start [m/s], rounded down to 0.1 m/s."""
