@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import inspect
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
@@ -105,7 +105,7 @@ def falsify(
         counterexample = limited.begin(driver, fleet, simulator, name, searches, executor)
         return None if counterexample is None else violation(counterexample)
 
-    return _Searching("@rvads.falsify", place, autopilot, begin)
+    return _searching("@rvads.falsify", place, autopilot, begin)
 
 
 def critical(
@@ -170,7 +170,7 @@ def critical(
         _record(fixtures["request"].node, sides, setting)
         return wrong
 
-    decorate = _Searching("@rvads.critical", place, autopilot, begin, ("rvads_lines", "rvads_cell", "request"))
+    decorate = _searching("@rvads.critical", place, autopilot, begin, "rvads_lines", "rvads_cell", "request")
     items = [pytest.param(group, _cell(group[0], policy), id=group[0].id) for group in lines]
     return lambda test: pytest.mark.parametrize(("rvads_lines", "rvads_cell"), items)(decorate(test))
 
@@ -221,53 +221,53 @@ def _record(item: pytest.Item, sides: Sequence[CriticalStart], setting: Setting)
     )
 
 
-@dataclass(frozen=True)
-class _Searching:
-    """A decorator that makes a test: the search runs first, then the body of the test."""
+def _searching(
+    mark: str,
+    place: str,
+    autopilot: Factory | None,
+    begin: Callable[[Factory, Mapping[str, Any], str], Exception | None],
+    *parameters: str,
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return a decorator that makes a test: the search runs first, then the body of the test.
 
-    mark: str
-    """The decorator, for messages."""
-    place: str
-    """File and line of the decorator, for messages."""
-    autopilot: Factory | None
-    """The driver under test; None to take the driver of the session."""
-    begin: Callable[[Factory, Mapping[str, Any], str], Exception | None]
-    """Runs the search, given a driver, the values of fixtures and the name of the test; returns the exception of a failure."""
-    parameters: tuple[str, ...] = ()
+    `begin` runs the search, given a driver, the values of fixtures and the name of the test, and returns the exception of a
+    failure. With None as `autopilot`, the driver of the session is tested. Messages name the mark and its place.
+    """
 
-    def __call__(self, test: Callable[..., None]) -> Callable[..., None]:
-        """Return the test that searches before it runs the body of `test`."""
-        with told_at(self.place):
+    def decorate(test: Callable[..., None]) -> Callable[..., None]:
+        with told_at(place):
             if not inspect.isfunction(test):
-                raise ScenarioError(f"{self.mark} makes a test of a function or method, got {test!r}: write it there")
+                raise ScenarioError(f"{mark} makes a test of a function or method, got {test!r}: write it there")
             if inspect.iscoroutinefunction(test) or inspect.isasyncgenfunction(test) or inspect.isgeneratorfunction(test):
                 raise ScenarioError(
-                    f"{self.mark} calls the body of a test, got {test.__qualname__}, whose body a call would not run: write "
+                    f"{mark} calls the body of a test, got {test.__qualname__}, whose body a call would not run: write "
                     "it as a plain def without yield"
                 )
         signature = inspect.signature(test)
-        needed = ["pytestconfig", "rvads_vehicle", "rvads_simulator", *self.parameters]
-        if self.autopilot is None:
+        needed = ["pytestconfig", "rvads_vehicle", "rvads_simulator", *parameters]
+        if autopilot is None:
             needed += ["rvads_sut", "rvads_autopilot"]
 
         @functools.wraps(test)
         def wrapper(*instance: Any, **fixtures: Any) -> None:
             __tracebackhide__ = True
-            tested = (self.autopilot, fixtures.get("rvads_sut"), fixtures.get("rvads_autopilot"))
+            tested = (autopilot, fixtures.get("rvads_sut"), fixtures.get("rvads_autopilot"))
             driver: Any = next((driver for driver in tested if driver is not None), None)
             try:
                 check_factory(driver)
-                wrong = self.begin(driver, fixtures, f"{test.__module__}.{test.__qualname__}")
+                wrong = begin(driver, fixtures, f"{test.__module__}.{test.__qualname__}")
             except RvadsError as error:
                 # An error class of a user can have another constructor, so the error itself gets the place in its message.
-                error.args = (f"{self.place}: {error}",)
+                error.args = (f"{place}: {error}",)
                 raise error.with_traceback(None) from None
             if wrong is not None:
                 raise wrong
             test(*instance, **{key: value for key, value in fixtures.items() if key in signature.parameters})
 
         keyword = inspect.Parameter.KEYWORD_ONLY
-        parameters = [p.replace(kind=keyword) for p in signature.parameters.values()]
-        parameters += [inspect.Parameter(name, keyword) for name in needed if name not in signature.parameters]
-        wrapper.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+        keywords = [p.replace(kind=keyword) for p in signature.parameters.values()]
+        keywords += [inspect.Parameter(name, keyword) for name in needed if name not in signature.parameters]
+        wrapper.__signature__ = signature.replace(parameters=keywords)  # type: ignore[attr-defined]
         return wrapper
+
+    return decorate
