@@ -56,12 +56,9 @@ def look(
     try:
         folder = session.make()
         unsaved = _save(folder, run)
-    except Exception as error:
-        return f"not drawn: {named_error(error)}", ""
-    if drawn.total() >= _MOST_PAGES and drawn[verdict.rule]:
-        folder_option = option(Path(session.relative(folder)))
-        return f"not drawn, and {unsaved}" if unsaved else f"rvads replay {folder_option} {quoted(item.nodeid)}", ""
-    try:
+        if drawn.total() >= _MOST_PAGES and drawn[verdict.rule]:
+            folder_option = option(Path(session.relative(folder)))
+            return f"not drawn, and {unsaved}" if unsaved else f"rvads replay {folder_option} {quoted(item.nodeid)}", ""
         from pytest_rvads.report.failure_page import failure_pages, failure_picture, moment
 
         path = folder / f"{slug(item.nodeid)}.html"

@@ -161,11 +161,21 @@ class Session:
 
     def _finish(self, session: pytest.Session, exitstatus: int) -> None:
         """Make the report of the session, write the files and set the exit status."""
+        from msgspec import structs
+
+        from pytest_rvads.report.record import conclude
         from pytest_rvads.report.session_report import steady
 
         self.records = self.outputs.journal.records()
-        budget = self.config.stash[BUDGET]
-        missing = self._complete()
+        plan, budget, missing = self.planner.plan(), self.config.stash[BUDGET], 0
+        for nodeid, record in plan.vanished.items():
+            self.records[nodeid] = structs.replace(record, message="dropped after collection")
+        for nodeid, record in plan.items.items():
+            if nodeid in self.lost:
+                self.records[nodeid] = conclude(record, (), "", "failed", text=self.lost[nodeid])
+            elif nodeid not in self.records:
+                self.records[nodeid] = structs.replace(record, message="the session ended before")
+                missing += 1
         self.records = {record.nodeid: record for record in steady(self.records.values())}
         causes = self._reasons(exitstatus, missing)
         self.troubles += [reason.text for reason in causes]
@@ -234,24 +244,6 @@ class Session:
             text = f"{budget.reason.partition(': ')[2]}: {plural(late, 'item')} did not run"
             found.append(Reason(text, exitstatus=0, cut=False))
         return found
-
-    def _complete(self) -> int:
-        """Add a record for every selected test item without a record; return the number of items that never ran."""
-        from msgspec import structs
-
-        from pytest_rvads.report.record import conclude
-
-        missing = 0
-        plan = self.planner.plan()
-        for nodeid, record in plan.vanished.items():
-            self.records[nodeid] = structs.replace(record, message="dropped after collection")
-        for nodeid, record in plan.items.items():
-            if nodeid in self.lost:
-                self.records[nodeid] = conclude(record, (), "", "failed", text=self.lost[nodeid])
-            elif nodeid not in self.records:
-                self.records[nodeid] = structs.replace(record, message="the session ended before")
-                missing += 1
-        return missing
 
     def _report(self, exitstatus: int, cut: bool) -> Report:
         """Return the report of the session; its exit status includes the baseline and the required coverage."""
