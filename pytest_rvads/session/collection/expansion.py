@@ -139,6 +139,7 @@ def _extensions(metafunc: pytest.Metafunc, place: str, mark: str, options: Optio
 
     Raise a `CollectError` for a test that has a mark and does not use the run of the mark.
     """
+    __tracebackhide__ = True
     test = metafunc.definition
     if "rvads_run" not in metafunc.fixturenames:
         why = "takes neither run nor monitor: add an argument"

@@ -73,6 +73,7 @@ def extensions(config: pytest.Config, rules: Path | None) -> Extensions:
 
 def _merged(config: pytest.Config, hook: str, taken: Sequence[str]) -> dict[str, Any]:
     """Merge the dictionaries that the implementations of a hook return into one dictionary."""
+    __tracebackhide__ = True
     merged: dict[str, Any] = {}
     for names in getattr(config.hook, hook)(config=config):
         if not isinstance(names, Mapping):
