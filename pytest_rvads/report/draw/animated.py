@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
+from itertools import pairwise
 from math import degrees
 from typing import NamedTuple
 
@@ -67,10 +68,18 @@ def animated(
     film = filmed(run, scene, responsible, around, before, after)
     left, top, wide, high = framed(run, scene, film, responsible)
     tall = round(width * high / wide)
-    lines = _balanced_lines(title, max(int((width - 24) / (0.54 * _FONT)), 8))
+    most = max(int((width - 24) / (0.54 * _FONT)), 8)
+    lines = wrap(title, most) if title else []
+    # The title takes as few lines as possible, all of about the same length.
+    narrower = (wrap(title, letters) for letters in range(len(title) // max(len(lines), 1), most))
+    lines = next((row for row in narrower if len(row) <= len(lines)), lines)
     full = tall + round(_BAR) + (round(_LINE * len(lines)) + 10 if lines else 0)
     colours, rules = inks(run.agents), [f".lane{{stroke-width:{run.junction.lane_width + _SEAM:g}}}"]
-    parts = [scene.road(), *_lamps(run, scene, film, rules)]
+    parts = [scene.road()]
+    shown = [tuple(map(int, run.lights[tick])) for tick in film.ticks]
+    changes = [k for k in range(len(shown)) if k == 0 or shown[k] != shown[k - 1]]
+    for number, (first, end) in enumerate(pairwise([*changes, len(shown)])):
+        parts.append(_shown(f"l{number}", film, first, end, scene.lights(shown[first]), rules))
     for column, agent in enumerate(run.agents):
         if run.here[film.ticks, column].any():
             ring, (long, broad) = "", size(run, column)
@@ -177,15 +186,6 @@ def _in_view(run: Run, scene: Scene, column: int, still: int) -> NDArray[np.bool
     return visible
 
 
-def _balanced_lines(title: str, most: int) -> list[str]:
-    """Return a text as lines of about the same length, with at most `most` letters each."""
-    lines = wrap(title, most) if title else []
-    for narrow in range(len(title) // max(len(lines), 1), most):
-        if len(narrow_lines := wrap(title, narrow)) <= len(lines):
-            return narrow_lines
-    return lines
-
-
 def _moving(run: Run, film: Film, column: int, drawn: str, rules: list[str]) -> str:
     """Return the element of a moving vehicle, and add its style to `rules`."""
     pose = run.need("pose")
@@ -197,29 +197,18 @@ def _moving(run: Run, film: Film, column: int, drawn: str, rules: list[str]) -> 
     for k in range(visible[0], visible[-1] + 1):
         tick = film.ticks[k]
         x, y = pose[tick, column, :2]
-        moved = f"transform:translate({x:.2f}px,{-y:.2f}px) rotate({-degrees(turned[tick]):.1f}deg)"
-        frames.append((film.times[k], moved))
+        frames.append((film.times[k], f"transform:translate({x:.2f}px,{-y:.2f}px) rotate({-degrees(turned[tick]):.1f}deg)"))
     ends = (0, len(frames) - 1)
     merged = [f for k, f in enumerate(frames) if k in ends or len({style for _, style in frames[k - 1 : k + 2]}) > 1]
     whole = [("0%", merged[0][1]), *merged, ("100%", merged[-1][1])]
     rules.append(_animation(f"v{column}", film, whole, "linear"))
-    if visible[0] == 0 and visible[-1] == len(film.ticks) - 1:
-        return drawn
     return _shown(f"s{column}", film, visible[0], visible[-1] + 1, drawn, rules)
-
-
-def _lamps(run: Run, scene: Scene, film: Film, rules: list[str]) -> Iterable[str]:
-    """Return SVG elements of the lamps in every state of the lights, and add styles to `rules` that show the current state."""
-    shown = [tuple(map(int, run.lights[tick])) for tick in film.ticks]
-    changes = [k for k in range(len(shown)) if k == 0 or shown[k] != shown[k - 1]]
-    if len(changes) == 1:
-        return [scene.lights(shown[0])]
-    spans = zip(changes, [*changes[1:], len(shown)], strict=True)
-    return [_shown(f"l{n}", film, first, end, scene.lights(shown[first]), rules) for n, (first, end) in enumerate(spans)]
 
 
 def _shown(name: str, film: Film, first: int, end: int, drawn: str, rules: list[str]) -> str:
     """Return an element that is visible from one frame of the film until another, and add its style to `rules`."""
+    if first == 0 and end == len(film.ticks):
+        return drawn
     frames: list[tuple[float | str, str]] = [
         (0.0, f"visibility:{'hidden' if first else 'visible'}"),
         (film.times[first], "visibility:visible"),
