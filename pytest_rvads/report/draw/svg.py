@@ -58,23 +58,21 @@ def _attributes(style: dict[str, str | float | None]) -> str:
     return "".join(f' {name}="{markup(str(value))}"' for name, value in shown.items())
 
 
+_SIGNS = {
+    Sign.STOP: ([(cos(pi / 8 + k * pi / 4), sin(pi / 8 + k * pi / 4)) for k in range(8)], "#c1272d", "#fff", 5.0),
+    Sign.YIELD: ([(-1.0, -0.8), (1.0, -0.8), (0.0, 0.9)], "#fff", "#c1272d", 2.5),
+    Sign.PRIORITY: ([(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)], "#f2b705", "#fff", 5.0),
+}
+"""Corners of a sign of radius 1, colours of its face and of its border, and its radius in widths of the border."""
+
+
 def sign(kind: Sign, x: float, y: float, radius: float) -> str:
     """Return the SVG element of a stop, yield or priority sign at a point; an empty text for other controls."""
-    border = f'stroke-width="{radius / 5:.2f}"'
-    match kind:
-        case Sign.STOP:
-            corners = [(cos(pi / 8 + k * pi / 4), sin(pi / 8 + k * pi / 4)) for k in range(8)]
-            look = f'fill="#c1272d" stroke="#fff" {border}'
-        case Sign.YIELD:
-            corners = [(-1.0, -0.8), (1.0, -0.8), (0.0, 0.9)]
-            look = f'fill="#fff" stroke="#c1272d" stroke-width="{radius / 2.5:.2f}"'
-        case Sign.PRIORITY:
-            corners = [(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)]
-            look = f'fill="#f2b705" stroke="#fff" {border}'
-        case _:
-            return ""
+    if kind not in _SIGNS:
+        return ""
+    corners, face, border, widths = _SIGNS[kind]
     path = "L".join(f"{x + radius * u:.2f} {y + radius * v:.2f}" for u, v in corners)
-    return f'<path class="sign {kind}" d="M{path}z" {look}/>'
+    return f'<path class="sign {kind}" d="M{path}z" fill="{face}" stroke="{border}" stroke-width="{radius / widths:.2f}"/>'
 
 
 def arrow(turns: Collection[Turn]) -> str:
