@@ -230,10 +230,9 @@ def _light_names(run: Run) -> list[str]:
 
 def _collisions(run: Run) -> tuple[Collision, ...]:
     """Return the collisions of a run; none if the run holds no bodies."""
-    try:
+    with suppress(RunError):
         return contacts(run)
-    except RunError:
-        return ()
+    return ()
 
 
 def changes(values: NDArray[Any]) -> list[tuple[int, Any]]:
@@ -288,9 +287,17 @@ def _ghost_data(run: Run, ghost: Run, name: str) -> dict[str, Any]:
                 value, ghost_value = next((pair for pair in pairs if pair[0] != pair[1]), (value, ghost_value))
             sentence = f"This run and {name} part at t = {at:.2f} s: {divergence.what} is {value} here, {ghost_value} there."
             times.append((at, f"where they part: {at:.2f} s"))
-        visible = _visible_difference(run, ghost)
-        if visible is not None:
-            times.append((visible, f"{_SEEN:g} m apart: {visible:.2f} s"))
+        if run.pose is not None and ghost.pose is not None and run.dt == ghost.dt:
+            first = steps = min(run.steps, ghost.steps)
+            columns = {agent.name: column for column, agent in enumerate(ghost.agents)}
+            for column, agent in enumerate(run.agents):
+                if (other_column := columns.get(agent.name)) is not None:
+                    both = run.here[:steps, column] & ghost.here[:steps, other_column]
+                    gap = np.hypot(*(run.pose[:steps, column, :2] - ghost.pose[:steps, other_column, :2]).T)
+                    first = min([first, *np.flatnonzero(both & (gap > _SEEN)).tolist()[:1]])
+            if first < steps:
+                apart = round(run.start + first * run.dt, 9)
+                times.append((apart, f"{_SEEN:g} m apart: {apart:.2f} s"))
     motion = [] if ghost.pose is None else _motion(ghost, ghost.here, ghost.pose)
     if not motion:
         sentence += f" Positions of {name} are not recorded, so it is not shown."
@@ -304,18 +311,3 @@ def _ghost_data(run: Run, ghost: Run, name: str) -> dict[str, Any]:
         "every": _EVERY,
         "motion": motion,
     }
-
-
-def _visible_difference(run: Run, ghost: Run) -> float | None:
-    """Return the first time at which the positions of a vehicle in the two runs are `_SEEN` apart [s]; None if never."""
-    if run.pose is None or ghost.pose is None or run.dt != ghost.dt:
-        return None
-    first = steps = min(run.steps, ghost.steps)
-    columns = {agent.name: column for column, agent in enumerate(ghost.agents)}
-    for column, agent in enumerate(run.agents):
-        if (other := columns.get(agent.name)) is not None:
-            both = run.here[:steps, column] & ghost.here[:steps, other]
-            gap = np.hypot(*(run.pose[:steps, column, :2] - ghost.pose[:steps, other, :2]).T)
-            apart = np.flatnonzero(both & (gap > _SEEN)).tolist()
-            first = min([first, *apart[:1]])
-    return None if first == steps else round(run.start + first * run.dt, 9)
