@@ -75,8 +75,6 @@ def facts(record: Record, start: str, rerun: str) -> tuple[tuple[str, str], ...]
 _BEFORE, _AFTER = 30.0, 10.0
 """A page shows this much recorded traffic before and after an instant [s]; minutes of dense traffic would fill megabytes."""
 _TROUBLE = (Status.FAIL, Status.OPEN, Status.UNSURE)
-_FINAL_WORDS = {Truth.FALSE: "violated", Truth.TRUE: "satisfied"}
-"""Names of the states of a monitor in which the verdict is final."""
 
 
 class Page(NamedTuple):
@@ -141,7 +139,22 @@ def failure_pages(run: Run, verdict: Verdict, rule: str | Rule, notes: str, besi
         begin, end = max(tick - round(_BEFORE / run.dt), 0), min(tick + round(_AFTER / run.dt) + 1, run.steps)
         title = verdict.message if not shown else next(event for t, event, _ in troubles if t == time)
         shown.append((begin, end))
-        part = _part(run, begin, end)
+        # The states of these seconds are a run of the vehicles that are present in these seconds.
+        span, shift = slice(begin, end), begin * run.dt
+        present = np.flatnonzero(run.here[span].any(axis=0)).tolist()
+        agents = tuple(run.agents[column] for column in present)
+        names = {agent.name for agent in agents}
+        columns = [name for name in (*ARRAYS, "spread") if name != "lights" and getattr(run, name) is not None]
+        within = [c for c in run.collisions or () if begin <= round(c.time / run.dt) < end and names.issuperset(c.agents)]
+        part = replace(
+            run,
+            lights=run.lights[span],
+            **{name: getattr(run, name)[span][:, present] for name in columns},
+            agents=agents,
+            collisions=None if run.collisions is None else tuple(replace(c, time=c.time - shift) for c in within),
+            fault=None if run.fault is None else replace(run.fault, time=run.fault.time - shift),
+            excerpt=replace(run.excerpt, start=run.start + shift),
+        )
         marked = [(t, event) for t, event, _ in troubles if part.start <= t <= part.start + part.duration]
         lines = []
         for track in tracks:
@@ -149,7 +162,7 @@ def failure_pages(run: Run, verdict: Verdict, rule: str | Rule, notes: str, besi
             inside = [(tick - begin, word) for tick, word in track.changes if begin < tick < end]
             if inside:
                 lines.append(replace(track, changes=((0, before[-1]), *inside)))
-        responsible = {name for t, _, names in troubles if t == time for name in names}
+        responsible = {name for t, _, those in troubles if t == time for name in those}
         yield Page(time, replay(part, title, notes, marked or [(time, title)], lines, responsible, time, beside))
 
 
@@ -188,32 +201,11 @@ def timelines(run: Run, rule: str | Rule) -> tuple[Track, ...]:
         walked = walk(templates, Values(run, rule.tie))
     except RunError:
         return ()
-    tracks = []
+    tracks, final = [], {Truth.FALSE: "violated", Truth.TRUE: "satisfied"}
     for template, states in zip(templates, walked, strict=True):
-        words = [
-            _FINAL_WORDS.get(Truth(int(output)), "due" if state else "watching")
-            for state, output in enumerate(template.machine.output)
-        ]
+        outputs = enumerate(map(Truth, template.machine.output.tolist()))
+        words = [final.get(output, "due" if state else "watching") for state, output in outputs]
         binding = bound_names(template)
         label = f"{rule.name} {', '.join(name for _, name in binding if name in vehicles)}"
         tracks.append(Track(label, tuple(changes(np.array(words)[states])), binding))
     return tuple(tracks)
-
-
-def _part(run: Run, begin: int, end: int) -> Run:
-    """Return the states between two ticks as a run of the vehicles that are present in these states."""
-    span = slice(begin, end)
-    present = np.flatnonzero(run.here[span].any(axis=0)).tolist()
-    names = {run.agents[column].name for column in present}
-    columns = [name for name in (*ARRAYS, "spread") if name != "lights" and getattr(run, name) is not None]
-    shift = begin * run.dt
-    within = [c for c in run.collisions or () if begin <= round(c.time / run.dt) < end and names.issuperset(c.agents)]
-    return replace(
-        run,
-        lights=run.lights[span],
-        **{name: getattr(run, name)[span][:, present] for name in columns},
-        agents=tuple(run.agents[column] for column in present),
-        collisions=None if run.collisions is None else tuple(replace(c, time=c.time - shift) for c in within),
-        fault=None if run.fault is None else replace(run.fault, time=run.fault.time - shift),
-        excerpt=None if run.excerpt is None else replace(run.excerpt, start=run.start + shift),
-    )
