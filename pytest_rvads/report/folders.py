@@ -130,13 +130,11 @@ def _point(root: Path, folder: Path, token: str) -> None:
 def _prune(root: Path, keep: int) -> None:
     """Remove the folders of all but the newest `keep` sessions; a session that may still be running keeps its folder."""
     for folder in sessions(root)[:-keep]:
-        running = False
-        if not (folder / REPORT).exists():
-            with suppress(OSError):
-                written = max(path.stat().st_mtime for path in (folder, folder / _RUNS) if path.exists())
-                running = time.time() - written < _ALIVE
-        if not running:
-            _remove(folder)
+        with suppress(OSError):
+            written = max(path.stat().st_mtime for path in (folder, folder / _RUNS) if path.exists())
+            if not (folder / REPORT).exists() and time.time() - written < _ALIVE:
+                continue
+        _remove(folder)
 
 
 def _remove(folder: Path) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import replace
+from itertools import chain
 from os import fstat
 from os.path import samestat
 from pathlib import Path
@@ -69,12 +70,11 @@ class Journal:
 
     def records(self) -> dict[str, Record]:
         """Return the record of each test item by node id; for an item that was repeated, its last record."""
-        records = {}
-        if self._file:
-            self._file.seek(0)
-            with open(self._file.fileno(), "rb", closefd=False) as lines:
-                records = _parsed(lines)
-        return records | _parsed(self._unwritten)
+        if not self._file:
+            return _parsed(self._unwritten)
+        self._file.seek(0)
+        with open(self._file.fileno(), "rb", closefd=False) as lines:
+            return _parsed(chain(lines, self._unwritten))
 
     def remove(self) -> None:
         """Remove the file of the journal, unless another session has replaced the file by its own journal."""
@@ -109,17 +109,14 @@ def recovered(path: Path) -> Report:
         return replace(report, exitstatus=UNFINISHED, notes=(note, *report.notes), complete=False)
     records = {record.nodeid: record for record in report.records}
     try:
-        records |= _parsed(read_file(journal, MOST).splitlines())
-    except FileNotFoundError:  # a report that was copied to another folder has no journal there
-        pass
+        with suppress(FileNotFoundError):  # a report that was copied to another folder has no journal there
+            records |= _parsed(read_file(journal, MOST).splitlines())
     except OSError as error:
         raise RvadsError(f"{journal} can't be read as the journal of a session: {error}") from error
     all_records = in_order(list(records.values()))
-    note = "incomplete: the session that writes it has not ended, or died"
-    if all_records:
-        unjudged = [record.nodeid for record in all_records if not record.outcome]
-        first_unjudged = f", the first items without a verdict: {', '.join(unjudged[:_SHOWN])}" if unjudged else ""
-        note += f": {len(all_records) - len(unjudged)} of {len(all_records)} items have a verdict{first_unjudged}"
-    else:
-        note += " before its items were known"
+    unjudged = [record.nodeid for record in all_records if not record.outcome]
+    known = f": {len(all_records) - len(unjudged)} of {len(all_records)} items have a verdict"
+    known += f", the first items without a verdict: {', '.join(unjudged[:_SHOWN])}" if unjudged else ""
+    known = known if all_records else " before its items were known"
+    note = f"incomplete: the session that writes it has not ended, or died{known}"
     return replace(report, records=all_records, notes=(note,))
