@@ -125,10 +125,9 @@ class _Item(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, tag_f
         fits = self.status is (worst or self.status)
         if self.outcome == "failed":
             fits = self.status.bad or self.status is Outcome.UNSURE or (fits and self.status is Outcome.UNAVOIDABLE)
-        verdict_text = f"a verdict {worst}" if worst else "no verdict"
         if fits or self.status is Outcome.FLAKY:
             return ""
-        return f"is {self.status}, {self.outcome or 'never ran'}, and has {verdict_text}"
+        return f"is {self.status}, {self.outcome or 'never ran'}, and has {f'a verdict {worst}' if worst else 'no verdict'}"
 
     @property
     def took_part(self) -> str:
@@ -213,11 +212,9 @@ def planned_record(
     nodeid: str, line: int, test: str, keys: Mapping[str, Any], ways: int, requirements: Sequence[str] = ()
 ) -> Record:
     """Return the record of a planned test item, before the item runs."""
-    kind: type[Record] = RecordedItem
-    further: dict[str, Any] = {"rule": None, **keys}
-    if "recording" not in keys:
-        kind = SimulatedItem
-        further = {"cls": 0, "scenario": "", "cfg": "", "rotation": 0, "seat": None, "traffic": None, "driver": "", **further}
+    simulated = {"cls": 0, "scenario": "", "cfg": "", "rotation": 0, "seat": None, "traffic": None, "driver": ""}
+    kind: type[Record] = RecordedItem if "recording" in keys else SimulatedItem
+    fields: dict[str, Any] = {"rule": None, **({} if kind is RecordedItem else simulated), **keys}
     return kind(
         nodeid=nodeid,
         line=line,
@@ -229,7 +226,7 @@ def planned_record(
         known=None,
         outcome="",
         message="",
-        **further,
+        **fields,
     )
 
 

@@ -24,13 +24,8 @@ def summed(verdicts: Iterable[Verdict]) -> tuple[tuple[str, str, str], ...]:
 
 def of_run(run: Run) -> dict[str, Any]:
     """Return the fields of a record that follow from its run, except verdicts and indicators, by name."""
-    return {
-        "hash": run.hash,
-        "place": run.junction.digest[:12],
-        "duration": run.duration,
-        "agents": took_part(run),
-        **measured(run),
-    }
+    fields = {"hash": run.hash, "place": run.junction.digest[:12], "duration": run.duration, "agents": took_part(run)}
+    return fields | measured(run)
 
 
 def took_part(run: Run) -> tuple[AgentRecord, ...]:
@@ -68,11 +63,9 @@ def by_rule(run_record: Record) -> Iterator[Record]:
     kind: type[Record] = RecordedItem if isinstance(run_record, RecordedItem) else SimulatedItem
     shared = {name: getattr(run_record, name) for name in kind.__struct_fields__}
     for verdict in run_record.verdicts:
-        result = verdict.outcome
-        requirements = (verdict.requirement,) if verdict.requirement else ()
-        start = kind(
-            **shared | {"nodeid": f"{run_record.nodeid}-{verdict.rule}", "rule": verdict.rule, "requirements": requirements}
-        )
+        result, requirements = verdict.outcome, (verdict.requirement,) if verdict.requirement else ()
+        nodeid = f"{run_record.nodeid}-{verdict.rule}"
+        start = kind(**shared | {"nodeid": nodeid, "rule": verdict.rule, "requirements": requirements})
         idle = result in (Outcome.NA, Outcome.UNSURE, Outcome.NOT_RUN)
         outcome = "failed" if result.bad else "skipped" if idle else "passed"
         error = Outcome.ERROR if result is Outcome.ERROR else None
