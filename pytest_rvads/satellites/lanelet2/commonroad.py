@@ -109,30 +109,24 @@ class _Reader:
         """Return the network of the file."""
         lanes, short = with_centre_lines(lane for id, element in self.elements.items() for lane in self._lanelets(id, element))
         self.left_out += short
-        if self.left_out:
-            message = f"lanelets without length or with a bound of fewer than two points were left out: {listed(self.left_out)}"
-            self.warnings.append(MapWarning(Doubt.LANE, message))
-        if self.exchanged:
-            message = (
-                f"lanelets whose left bound lies on the right were read with left and right exchanged: {listed(self.exchanged)}"
-            )
-            self.warnings.append(MapWarning(Doubt.SIDE, message))
+        for kind, ids, message in (
+            (Doubt.LANE, self.left_out, "without length or with a bound of fewer than two points were left out"),
+            (Doubt.SIDE, self.exchanged, "whose left bound lies on the right were read with left and right exchanged"),
+        ):
+            if ids:
+                self.warnings.append(MapWarning(kind, f"lanelets {message}: {listed(ids)}"))
         if +self.others:
             counts = ", ".join(f"{count} {name}" for name, count in (+self.others).most_common())
             self.warnings.append(MapWarning(Doubt.LANE, f"lanelets that no car drives on were left out: {counts}"))
         if not lanes:
             raise MapError(none_drivable(len(self.elements), self.warnings))
-        rules = self._rules(lanes)
         stated, outside = {}, set()
         for intersection in self.root.iterfind("intersection"):
-            refs = [
-                ref for element in intersection.iter() if element.tag.startswith("successors") and (ref := element.get("ref"))
-            ]
-            inside = [ref for ref in dict.fromkeys(refs) if ref in lanes]
-            if inside:
+            refs = [element.get("ref", "") for element in intersection.iter() if element.tag.startswith("successors")]
+            if inside := [ref for ref in dict.fromkeys(refs) if ref in lanes]:
                 stated[intersection.get("id", "")] = inside
             outside |= {element.get("ref", "") for element in intersection.iterfind("incoming/incomingLanelet")}
-        return network_of(Ground(lanes, self._links(lanes), rules.approaches, stated, outside), rules, self.warnings)
+        return network_of(Ground(lanes, self._links(lanes), stated, outside), self._rules(lanes), self.warnings)
 
     def _lanelets(self, id: str, element: Element) -> Iterator[Lanelet]:
         """Yield the lanelets of an element: none for a broken lanelet or one without cars, two for a two-way lanelet."""

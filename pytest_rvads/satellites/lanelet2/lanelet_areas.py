@@ -16,7 +16,7 @@ import networkx as nx
 import numpy as np
 
 from pytest_rvads.geometry.network import Doubt, MapWarning
-from pytest_rvads.satellites.lanelet2.lanelets import Conflicts, Lanelet, cell_of, free_ends
+from pytest_rvads.satellites.lanelet2.lanelets import Lanelet, Pair, cell_of, conflicts_of, free_ends
 from pytest_rvads.support.wording import first
 
 _JOINT = 25.0
@@ -35,8 +35,7 @@ class Ground:
 
     lanes: dict[str, Lanelet]
     links: nx.DiGraph
-    approaches: Collection[str] = ()
-    """Sources with a light, a stop sign or a yield sign: a lanelet of these that crosses nobody leads to a junction."""
+
     stated: Mapping[str, Collection[str]] = field(default_factory=dict)
     """Per junction that the file states, the sources of lanelets in the junction."""
     outside: Collection[str] = ()
@@ -50,9 +49,12 @@ def listed(ids: Iterable[str]) -> str:
     return first(list(dict.fromkeys(ids)), 5)
 
 
-def areas_of(ground: Ground, conflicts: Conflicts) -> tuple[dict[str, list[str]], list[MapWarning]]:
-    """Find the junctions of a map, and cut off, in `ground`, long parts of lanelets that lie before or behind their conflicts."""
-    finder = _Finder(ground, conflicts)
+def areas_of(ground: Ground, controlled: Collection[str]) -> tuple[dict[str, list[str]], list[MapWarning]]:
+    """Find the junctions of a map, and cut off, in `ground`, long parts of lanelets that lie before or behind their conflicts.
+
+    `controlled` are the sources with a light or sign: a lanelet of these that crosses nobody leads to a junction.
+    """
+    finder = _Finder(ground, controlled)
     finder.join_small()
     finder.take_between()
     finder.find_cuts()
@@ -69,17 +71,18 @@ def areas_of(ground: Ground, conflicts: Conflicts) -> tuple[dict[str, list[str]]
 
 
 class _Finder:
-    def __init__(self, ground: Ground, conflicts: Conflicts) -> None:
+    def __init__(self, ground: Ground, controlled: Collection[str]) -> None:
         self.ground, self.lanes, self.links = ground, ground.lanes, ground.links
         self.doubts: list[str] = []
         self.cuts: dict[str, tuple[float, float]] = dict.fromkeys(self.lanes, (0.0, 0.0))
         """Per lanelet, the lengths that are cut off before and behind its conflicts; 0 where nothing is cut off [m]."""
         source = {id: lane.source for id, lane in self.lanes.items()}
+        crossing, touching = conflicts_of(self.lanes, self.links)
         # A conflict with a lanelet that the file states to be outside of junctions forms no junction.
         outside = set(ground.outside)
-        self.pairs = [pair for pair in conflicts.pairs if outside.isdisjoint(source[id] for id in pair)]
-        self.crossing = {source[id] for pair in conflicts.crossing for id in pair}
-        self.approaches = set(ground.approaches) - self.crossing
+        self.pairs = [pair for pair in crossing + touching if outside.isdisjoint(source[id] for id in pair)]
+        self.crossing = {source[id] for pair in crossing for id in pair}
+        self.approaches = set(controlled) - self.crossing
         classes = nx.utils.UnionFind()
         for sources in (*([source[a], source[b]] for a, b in self.pairs), *ground.stated.values()):
             classes.union(*sources)
@@ -174,7 +177,7 @@ class _Finder:
 
     def find_cuts(self) -> None:
         """Find how much is cut off the lanelets; lanelets side by side are cut at the same distance."""
-        pairs: defaultdict[str, list[tuple[str, str]]] = defaultdict(list)
+        pairs: defaultdict[str, list[Pair]] = defaultdict(list)
         for pair in self.pairs:
             pairs[self.cluster[self.lanes[pair[0]].source]].append(pair)
         for name, ids in self.groups().items():

@@ -97,7 +97,7 @@ class _Reader:
         rules = self._rules(lanes)
         regions = Counter(region for item in self.relations.values() if (region := item.tags.get("region", "").lower()[:2]))
         hand = next(("left" if name in _LEFT else "right" for name, _ in regions.most_common(1)), None)
-        return network_of(Ground(lanes, link_lanelets(lanes), rules.approaches, region=hand), rules, self.warnings)
+        return network_of(Ground(lanes, link_lanelets(lanes), region=hand), rules, self.warnings)
 
     def _lanelets(self, id: str, relation: Relation) -> Iterator[Lanelet]:
         """Yield the lanelets of a relation: none for a broken lanelet or one without cars, two for a two-way lanelet."""

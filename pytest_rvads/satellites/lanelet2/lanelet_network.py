@@ -18,7 +18,7 @@ from pytest_rvads.geometry.network import HAND, DeclaredJunction, Doubt, Edge, M
 from pytest_rvads.geometry.opendrive.signals import INSIDE
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.satellites.lanelet2.lanelet_areas import Ground, areas_of, cut_off, listed
-from pytest_rvads.satellites.lanelet2.lanelets import Lanelet, conflicts_of, hand_votes, intersections, stations_of, turn_odd
+from pytest_rvads.satellites.lanelet2.lanelets import Lanelet, hand_votes, intersections, stations_of, turn_odd
 from pytest_rvads.support.errors import MapError
 from pytest_rvads.support.wording import plural
 
@@ -71,11 +71,6 @@ class Rules:
     """Groups of lights that change together."""
     crosswalks: list[PaintedCrosswalk] = field(default_factory=list)
 
-    @property
-    def approaches(self) -> set[str]:
-        """Sources of lanelets with a light, a stop sign or a yield sign."""
-        return {id for row in self.regulations for id in row.lanelets}
-
 
 def network_of(ground: Ground, rules: Rules, warnings: Iterable[MapWarning]) -> Network:
     """Return the network of the lanelets of a map."""
@@ -83,7 +78,7 @@ def network_of(ground: Ground, rules: Rules, warnings: Iterable[MapWarning]) -> 
     if odd := turn_odd(ground.lanes, ground.links):
         message = f"lanelets that run against the lanelets before and behind them were turned, left for right: {listed(odd)}"
         doubts.append(MapWarning(Doubt.SIDE, message))
-    members, doubts_of_areas = areas_of(ground, conflicts_of(ground.lanes, ground.links))
+    members, doubts_of_areas = areas_of(ground, {id for row in rules.regulations for id in row.lanelets})
     doubts += doubts_of_areas
     if not members:
         raise MapError(
@@ -234,31 +229,25 @@ def _sides(ground: Ground, members: Members, *, left_hand: bool) -> tuple[nx.Gra
         ends.add_nodes_from((lane, 0) for id in ids for lane in ground.links.succ[id] if lane not in inside)
         for (id, at), (other_id, other_at) in combinations(ends, 2):
             lane, other = ground.lanes[id], ground.lanes[other_id]
-            if at == other_at:
-                joined = _beside(lane, other, at)
-            else:
+            heading = lane.heading(at)
+            turn = math.remainder(other.heading(other_at) - heading - (0.0 if at == other_at else math.pi), math.tau)
+            if at != other_at:
                 # The end of a lanelet and the start of another meet at the bound between opposite lanes of a road.
-                turn = math.remainder(other.heading(0) - lane.heading(-1) - math.pi, math.tau)
-                same = lane.source == other.source and lane.end == other.start[::-1]
-                joined = abs(turn) <= _PARALLEL and (same or lane.end[left_hand] == other.start[left_hand])
+                joined = lane.end[left_hand] == other.start[left_hand]
+                joined = joined or (lane.source == other.source and lane.end == other.start[::-1])
+            else:
+                # The starts or the ends of two lanelets share a bound, or lie beside each other.
+                places, other_places = (lane.start, other.start) if at == 0 else (lane.end, other.end)
+                x, y = other.points[at] - lane.points[at]
+                along, across = math.cos(heading) * x + math.sin(heading) * y, math.cos(heading) * y - math.sin(heading) * x
+                joined = abs(along) < _ALONG and abs(across) < _ACROSS
+                joined = joined or places[0] == other_places[1] or places[1] == other_places[0]
+            joined = joined and abs(turn) <= _PARALLEL
             if joined and id != other_id:
                 ends.add_edge((id, at), (other_id, other_at))
                 beside.add_edge(id, other_id, same=at == other_at)
         groups.append({end: number for number, part in enumerate(nx.connected_components(ends)) for end in part})
     return beside, groups
-
-
-def _beside(lane: Lanelet, other: Lanelet, at: int) -> bool:
-    """Return whether two lanelets of one direction lie side by side at their starts (0) or ends (-1)."""
-    heading = lane.heading(at)
-    if abs(math.remainder(other.heading(at) - heading, math.tau)) > _PARALLEL:
-        return False
-    places, other_places = (lane.start, other.start) if at == 0 else (lane.end, other.end)
-    if places[0] == other_places[1] or places[1] == other_places[0]:
-        return True
-    x, y = other.points[at] - lane.points[at]
-    along, across = math.cos(heading) * x + math.sin(heading) * y, math.cos(heading) * y - math.sin(heading) * x
-    return bool(abs(along) < _ALONG and abs(across) < _ACROSS)
 
 
 class _Attacher:

@@ -199,11 +199,8 @@ def link_lanelets(lanes: Mapping[str, Lanelet]) -> nx.DiGraph:
         links.add_edges_from((id, after) for after in starts[lane.end] if after != id)
         for after in near:
             bend = math.remainder(lanes[after].heading(0) - lane.heading(-1), math.tau)
-            if (
-                math.dist(lane.points[-1], lanes[after].points[0]) <= _GAP
-                and abs(bend) <= _BEND
-                and lanes[after].source != lane.source
-            ):
+            meet = math.dist(lane.points[-1], lanes[after].points[0]) <= _GAP and abs(bend) <= _BEND
+            if meet and lanes[after].source != lane.source:
                 links.add_edge(id, after)
     return links
 
@@ -273,23 +270,8 @@ _TOO_MANY = "too many of its lanelets overlap to compare them all; cut the map i
 Pair = tuple[str, str]
 
 
-@dataclass(frozen=True, slots=True)
-class Conflicts:
-    """Pairs of lanelets in conflict."""
-
-    crossing: tuple[Pair, ...]
-    """Pairs whose centre lines cross."""
-    touching: tuple[Pair, ...]
-    """Pairs with a common successor or a common predecessor."""
-
-    @property
-    def pairs(self) -> tuple[Pair, ...]:
-        """All pairs."""
-        return self.crossing + self.touching
-
-
-def conflicts_of(lanes: Mapping[str, Lanelet], links: nx.DiGraph) -> Conflicts:
-    """Return the pairs of lanelets that cross, merge or part."""
+def conflicts_of(lanes: Mapping[str, Lanelet], links: nx.DiGraph) -> tuple[list[Pair], list[Pair]]:
+    """Return the pairs of lanelets whose centre lines cross, and the pairs with a common successor or predecessor."""
     touching: dict[Pair, None] = {}
     tests = 0
     for id in lanes:
@@ -302,7 +284,7 @@ def conflicts_of(lanes: Mapping[str, Lanelet], links: nx.DiGraph) -> Conflicts:
             for pair in combinations(sorted(neighbours), 2):
                 if lanes[pair[0]].source != lanes[pair[1]].source:
                     touching[pair] = None
-    return Conflicts(tuple(_crossing(lanes, links)), tuple(touching))
+    return list(_crossing(lanes, links)), list(touching)
 
 
 def _crossing(lanes: Mapping[str, Lanelet], links: nx.DiGraph) -> Iterator[Pair]:
