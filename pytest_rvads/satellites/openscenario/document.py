@@ -33,31 +33,17 @@ _TALL = 1.8
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """Size and axles of a vehicle, which other tools need to draw and drive the vehicle."""
+    """Size and axles of a vehicle [m], which other tools need to draw and drive the vehicle."""
 
     kind: Kind
     length: float
-    """Length of the vehicle [m]."""
     width: float
-    """Width of the vehicle [m]."""
     height: float
-    """Height of the vehicle [m]."""
     back: float
-    """Distance from the front bumper to the reference point of OpenSCENARIO, which is the middle of the rear axle [m]."""
+    """Distance from the front bumper to the reference point of OpenSCENARIO, which is the middle of the rear axle."""
     wheelbase: float
-    """Distance between the axles [m]."""
     vehicle: Vehicle
     """Parameters of the vehicle's mass, acceleration, braking and steering."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Trajectory:
-    """The motion of the reference point of a vehicle, as a polyline with at least two vertices."""
-
-    times: NDArray[np.float64]
-    """Increasing time of each vertex, shape ``(vertices,)`` [s]."""
-    poses: NDArray[np.float64]
-    """x [m], y [m] and heading [rad] of each vertex, shape ``(vertices, 3)``."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,7 +56,8 @@ class Actor:
     """Initial pose of the reference point."""
     speed: float
     """Initial speed [m/s]."""
-    trajectory: Trajectory | None = None
+    trajectory: NDArray[np.float64] | None = None
+    """Time [s], x [m], y [m] and heading [rad] of the reference point at each vertex of a polyline, shape ``(vertices, 4)``."""
     route: tuple[Pose, ...] = ()
     """Waypoints of the route; the first waypoint is the start."""
     appears: float | None = None
@@ -79,14 +66,8 @@ class Actor:
     """Time at which the actor is deleted [s]; None for an actor that stays."""
 
 
-@dataclass(frozen=True, slots=True)
-class Phase:
-    """A period of time in which no traffic light changes its colour."""
-
-    duration: float
-    """Duration of the phase [s]."""
-    colours: Mapping[str, Colour]
-    """Colour of each signal, by id of the signal."""
+Phase = tuple[float, Mapping[str, Colour]]
+"""Duration of a period in which no traffic light changes its colour [s], and the colour of each signal by its id."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -157,7 +138,7 @@ def _phases(junction: Junction, lights: NDArray[np.int8], durations: list[float]
         label = junction.vehicle_at(entrance).removeprefix("a")
         names |= dict.fromkeys(signals or [f"{ENTRANCE}{label}"], entrance)
     return tuple(
-        Phase(seconds, {name: Colour(int(colours[entrance])) for name, entrance in names.items()})
+        (seconds, {name: Colour(int(colours[entrance])) for name, entrance in names.items()})
         for colours, seconds in zip(lights, durations, strict=True)
     )
 

@@ -29,50 +29,42 @@ def declare(commands: Subparsers) -> None:
 
 
 def _export(options: argparse.Namespace) -> int:
-    from pytest_rvads.runs.readers import READERS
+    from pytest_rvads.logic.check import check
+    from pytest_rvads.runs.readers import READERS, read_runs
+    from pytest_rvads.runs.states import crowd
+    from pytest_rvads.satellites.openscenario.document import mapped
+    from pytest_rvads.satellites.openscenario.run_export import export_run, recorded_map, vehicles
     from pytest_rvads.satellites.openscenario.scenario_xosc import save_scenario
-    from pytest_rvads.scenarios.ids import from_id
+    from pytest_rvads.scenarios.case import Fleet
+    from pytest_rvads.scenarios.ids import from_id, recalled
 
-    source, output = Path(options.source), Path(options.output)
+    source, out, fleet = Path(options.source), Path(options.output), None
     is_file = source.exists() or source.suffix.lower() in READERS
     if options.rules and (options.scenario or not is_file):
         raise ScenarioError(
             "--rules judges a run, and a scenario has no run: leave --rules out, or export a file of a run without --scenario"
         )
     if is_file:
-        return _export_run(options, source, output)
-    scenario = from_id(options.source, options.map)
-    save_scenario(scenario, output, map=options.map)
-    say(f"{output}: {scenario.describe()}")
-    return 0
-
-
-def _export_run(options: argparse.Namespace, source: Path, out: Path) -> int:
-    from pytest_rvads.logic.check import check
-    from pytest_rvads.runs.readers import read_runs
-    from pytest_rvads.runs.states import crowd
-    from pytest_rvads.satellites.openscenario.document import mapped
-    from pytest_rvads.satellites.openscenario.run_export import export_run, recorded_map, vehicles
-    from pytest_rvads.satellites.openscenario.scenario_xosc import save_scenario
-    from pytest_rvads.scenarios.case import Fleet
-    from pytest_rvads.scenarios.ids import recalled
-
-    runs = read_runs(source)
-    if len(runs) != 1:
-        raise RunError(f"{source}: the file has {len(runs)} runs, expected a single run: cut the file into files of a single run")
-    run = runs[0]
-    if options.scenario:
+        runs = read_runs(source)
+        if len(runs) != 1:
+            raise RunError(
+                f"{source}: the file has {len(runs)} runs, expected a single run: cut the file into files of a single run"
+            )
+        run = runs[0]
+        if not options.scenario:
+            verdict = check(run, options.rules) if options.rules else None
+            export_run(run, out, map=options.map, verdict=verdict)
+            say(f"{out}: {crowd(run.agents)} at {run.junction.name}, {run.duration:.2f} s")
+            if verdict is not None:
+                say(f"  {verdict.message}")
+            return 0
         record = run.provenance.get("scenario")
         if not isinstance(record, Mapping):
             raise RunError(f"{source}: the run names no scenario, expected a run that rvads simulated")
         place = mapped(run.junction, options.map, recorded_map(run.provenance))
-        scenario = recalled(record, place, f"{source}: scenario")
-        save_scenario(scenario, out, map=options.map, fleet=Fleet(others=vehicles(run)))
-        say(f"{out}: {scenario.describe()}")
-        return 0
-    verdict = check(run, options.rules) if options.rules else None
-    export_run(run, out, map=options.map, verdict=verdict)
-    say(f"{out}: {crowd(run.agents)} at {run.junction.name}, {run.duration:.2f} s")
-    if verdict is not None:
-        say(f"  {verdict.message}")
+        scenario, fleet = recalled(record, place, f"{source}: scenario"), Fleet(others=vehicles(run))
+    else:
+        scenario = from_id(options.source, options.map)
+    save_scenario(scenario, out, map=options.map, fleet=fleet)
+    say(f"{out}: {scenario.describe()}")
     return 0

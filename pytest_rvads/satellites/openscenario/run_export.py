@@ -18,39 +18,12 @@ from pytest_rvads.geometry.segment import Pose
 from pytest_rvads.logic.judging.verdicts import Verdict
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Vehicle, Zone
-from pytest_rvads.satellites.openscenario.document import (
-    Actor,
-    Body,
-    Document,
-    Trajectory,
-    body_of,
-    mapped,
-    phases_of_run,
-    put_map,
-)
+from pytest_rvads.satellites.openscenario.document import Actor, Body, Document, body_of, mapped, phases_of_run, put_map
 from pytest_rvads.satellites.openscenario.writing import library, written
 from pytest_rvads.support.decoding import encode
 from pytest_rvads.support.errors import RunError, RvadsError, require
 from pytest_rvads.support.storage import write_file
 from pytest_rvads.support.wording import one_line
-
-
-class _Judged(msgspec.Struct, frozen=True):
-    """The verdict that an exported file quotes."""
-
-    rule: str
-    status: str
-    message: str
-
-
-class _Note(msgspec.Struct, frozen=True):
-    """The property ``rvads.run`` in the header of an exported file; only `unsized` is read again."""
-
-    label: str
-    hash: str
-    verdict: _Judged | None
-    unsized: list[str]
-    """Names of the vehicles of unknown size, which have the box of a usual car in the file."""
 
 
 def export_run(run: Run, path: str | Path, *, map: str | os.PathLike[str] | None = None, verdict: Verdict | None = None) -> None:
@@ -82,16 +55,20 @@ def export_run(run: Run, path: str | Path, *, map: str | os.PathLike[str] | None
         )
     run.need("pose")
     place = mapped(run.junction, map, recorded_map(run.provenance))
-    judged = None if verdict is None else _Judged(verdict.rule, str(verdict.status), one_line(verdict.message))
-    title = run.label if judged is None else f"{run.label}: {judged.message}"
+    title, quoted = run.label, dict[str, str]()
+    if verdict is not None:
+        quoted = {"rule": verdict.rule, "status": str(verdict.status), "message": one_line(verdict.message)}
+        title += f": {quoted['message']}"
     parameters = vehicles(run)
     bodies = [body_of(agent, parameters.get(agent.name)) for agent in run.agents]
     actors = tuple(actor for k, body in enumerate(bodies) if (actor := _actor(run, k, body)) is not None)
+    # Only `unsized` is read again: a vehicle of unknown size has the box of a usual car in the file.
     unsized = [agent.name for agent in run.agents if agent.size is None]
+    note = {"label": run.label, "hash": run.hash, "verdict": quoted or None, "unsized": unsized}
     document = Document(
         one_line(title),
         put_map(place, path.parent),
-        ("rvads.run", encode(_Note(run.label, run.hash, judged, unsized)).decode()),
+        ("rvads.run", encode(note).decode()),
         actors,
         phases_of_run(place, run.lights, run.dt),
         run.duration,
@@ -151,7 +128,7 @@ def _actor(run: Run, column: int, body: Body) -> Actor | None:
         body,
         Pose(*axle[0].tolist()),
         speed,
-        Trajectory(times, axle[rows]),
+        np.column_stack((times, axle[rows])),
         appears=float(times[0]) if begin else None,
         leaves=float(times[-1]) if leaves else None,
     )

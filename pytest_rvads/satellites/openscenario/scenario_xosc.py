@@ -217,11 +217,9 @@ def _edited_part(scenario: Scenario, by_name: Mapping[str, Intention], root: Nod
 
 def _starts(scenario: Scenario, lengths: Mapping[str, float | None]) -> tuple[tuple[float, float], ...]:
     """Return the starts of a scenario, given the lengths of vehicles [m], which alone decide on the positions in a queue."""
-    vehicles = {}
-    for name, stated in lengths.items():
-        length = Vehicle().length if stated is None else stated
-        vehicles[name] = Vehicle(length=length, front_axle=length / 4, rear_axle=length / 4)
-    return scenario.starts(vehicles.__getitem__)
+    usual = Vehicle().length
+    known = {name: usual if length is None else length for name, length in lengths.items()}
+    return scenario.starts(lambda name: Vehicle(length=known[name], front_axle=known[name] / 4, rear_axle=known[name] / 4))
 
 
 def _foreign_scenario(by_name: Mapping[str, Intention], root: Node, places: list[Junction], where: str) -> Scenario:
@@ -229,10 +227,11 @@ def _foreign_scenario(by_name: Mapping[str, Intention], root: Node, places: list
     fitting: list[tuple[Junction, list[Drive]]] = []
     unplaced = next(iter(by_name))
     for place in places:
-        drives = {name: matched(intention, place) for name, intention in by_name.items()}
-        unplaced = next((name for name, drive in drives.items() if drive is None), unplaced)
-        if None not in drives.values():
-            fitting.append((place, [drive for drive in drives.values() if drive is not None]))
+        matches = {name: matched(intention, place) for name, intention in by_name.items()}
+        unplaced = next((name for name, drive in matches.items() if drive is None), unplaced)
+        drives = [drive for drive in matches.values() if drive is not None]
+        if len(drives) == len(matches):
+            fitting.append((place, drives))
     if not fitting:
         raise ScenarioError(
             f"{where}: all vehicles must start on approaches of the same junction and have routes to its exit roads, got "
@@ -243,24 +242,21 @@ def _foreign_scenario(by_name: Mapping[str, Intention], root: Node, places: list
         raise ScenarioError(
             f"{where}: all routes lead through {len(fitting)} junctions ({ids:.100}): name a junction (junction=)"
         )
-    return _scenario_of_drives(*fitting[0], root, where)
-
-
-def _scenario_of_drives(place: Junction, drives: list[Drive], root: Node, where: str) -> Scenario:
+    place, drives = fitting[0]
     queues: dict[int, list[Drive]] = defaultdict(list)
     for drive in drives:
         queues[drive.key[0]].append(drive)
-    order = [*queues, *(e for e in range(len(place.entrances)) if e not in queues)]
+    lanes = range(len(place.entrances))
+    order = [*queues, *(e for e in lanes if e not in queues)]
     heads = {entrance: min(queue, key=lambda drive: drive.distance) for entrance, queue in queues.items()}
     counts = {len(queue) for queue in queues.values()}
     if len(counts) > 1 or any(drive.key != heads[drive.key[0]].key for drive in drives):
         raise ScenarioError(f"{where}: every entrance must have equally many vehicles, and all of an entrance the same route")
     by_key = {movement.key: direction for (_, direction), movement in place.by_direction.items()}
-    lanes = range(len(place.entrances))
-    start_of = {entrance: head.start for entrance, head in heads.items()}
-    spare = next(iter(start_of.values())) if len(set(start_of.values())) == 1 else (0.0, 0.0)
-    starts = [start_of.get(e, spare) for e in lanes]
     code = tuple(by_key[heads[e].key] if e in heads else 0 for e in lanes)
+    known = {head.start for head in heads.values()}
+    spare = known.pop() if len(known) == 1 else (0.0, 0.0)
+    distances, speeds = zip(*(heads[e].start if e in heads else spare for e in lanes), strict=True)
     end = root.first(*_END)
     duration = usual_duration(place) if end is None else end.number("value")
     for row in Orbits.at(place).rows:
@@ -268,8 +264,8 @@ def _scenario_of_drives(place: Junction, drives: list[Drive], root: Node, where:
             scenario = Scenario(
                 place,
                 rotate(code, -row),
-                distance=rotate(tuple(distance for distance, _ in starts), -row),
-                speed=rotate(tuple(speed for _, speed in starts), -row),
+                distance=rotate(distances, -row),
+                speed=rotate(speeds, -row),
                 rotation=row,
                 duration=duration,
                 followers=max(counts) - 1,
@@ -304,13 +300,13 @@ def _lights_match(scenario: Scenario, root: Node) -> bool:
     """Return whether a file has no traffic lights, or its lights have the colours of a scenario's signal plan at all times."""
     place, plan = scenario.place, scenario.signals()
     file_lights = lights_of(root, scenario.duration)
-    lights = lights_at(place, file_lights) if file_lights else {}
-    if not lights:
-        return not file_lights
+    if not file_lights:
+        return True
+    lights = lights_at(place, file_lights)
     times = np.arange(0.0, scenario.duration, _EVERY) + _WITHIN
     expected = np.array([plan.colours(time, len(place.entrances)) for time in times.tolist()], dtype=np.int8)
     for entrance, light in lights.items():
         colours = np.concatenate(([Colour.NONE], light.colours))[np.searchsorted(light.times, times, side="right")]
         if not np.array_equal(colours, expected[:, entrance]):
             return False
-    return True
+    return bool(lights)

@@ -15,9 +15,12 @@ from importlib import import_module
 from typing import Any
 from xml.etree import ElementTree
 
+import numpy as np
+from numpy.typing import NDArray
+
 from pytest_rvads.geometry.segment import Pose
 from pytest_rvads.runs.states import Kind
-from pytest_rvads.satellites.openscenario.document import Actor, Body, Document, Trajectory
+from pytest_rvads.satellites.openscenario.document import Actor, Body, Document
 from pytest_rvads.satellites.openscenario.xosc import LAMPS
 from pytest_rvads.support.errors import RvadsError, needs
 
@@ -45,7 +48,7 @@ def library() -> Any:
 
 def written(document: Document) -> bytes:
     """Return the content of an OpenSCENARIO file for a document; equal documents give equal bytes."""
-    signals = {name for phase in document.phases for name in phase.colours}
+    signals = {name for _, colours in document.phases for name in colours}
     names = (document.title, document.map, *(actor.name for actor in document.actors), *sorted(signals))
     for text in (*names, *document.note):
         if text.startswith("$"):
@@ -76,18 +79,24 @@ class _Writer:
         properties.add_property(*document.note)
         roads = xosc.RoadNetwork(document.map)
         if document.phases:
-            roads.add_traffic_signal_controller(self.controller(document))
+            controller = xosc.TrafficSignalController("lights")
+            for number, (duration, colours) in enumerate(document.phases):
+                step = xosc.Phase(f"phase {number}", duration)
+                for name, colour in colours.items():
+                    step.add_signal_state(name, LAMPS[colour])
+                controller.add_phase(step)
+            roads.add_traffic_signal_controller(controller)
         entities, init = xosc.Entities(), xosc.Init()
         for actor in document.actors:
             entities.add_scenario_object(actor.name, self.body(actor.body))
             for action in self.starting(actor):
                 init.add_init_action(actor.name, action)
         board = xosc.StoryBoard(init, self.at(document.duration, "the end", "stop"))
-        driven = [(actor, actor.trajectory) for actor in document.actors if actor.trajectory is not None]
-        if driven:
+        groups = [self.group(actor, actor.trajectory) for actor in document.actors if actor.trajectory is not None]
+        if groups:
             act = xosc.Act("trajectories", self.at(0.0, "the start"))
-            for actor, way in driven:
-                act.add_maneuver_group(self.group(actor, way))
+            for group in groups:
+                act.add_maneuver_group(group)
             story = xosc.Story("run")
             story.add_act(act)
             board.add_story(story)
@@ -103,15 +112,6 @@ class _Writer:
             creation_date=_DATE,
             header_properties=properties,
         )
-
-    def controller(self, document: Document) -> Any:
-        controller = self.xosc.TrafficSignalController("lights")
-        for number, phase in enumerate(document.phases):
-            step = self.xosc.Phase(f"phase {number}", phase.duration)
-            for name, colour in phase.colours.items():
-                step.add_signal_state(name, LAMPS[colour])
-            controller.add_phase(step)
-        return controller
 
     def body(self, body: Body) -> Any:
         """Return a vehicle or pedestrian whose bounding box has its center relative to the reference point, the rear axle."""
@@ -146,13 +146,13 @@ class _Writer:
                 route.add_waypoint(self.place(pose), xosc.RouteStrategy.shortest)
             yield xosc.AssignRouteAction(route)
 
-    def group(self, actor: Actor, way: Trajectory) -> Any:
+    def group(self, actor: Actor, way: NDArray[np.float64]) -> Any:
         """Return the actions of an actor with a trajectory: to appear, to follow the trajectory, and to leave."""
         xosc = self.xosc
         maneuver = xosc.Maneuver(f"{actor.name} drives")
         begins = 0.0 if actor.appears is None else actor.appears
         line = xosc.Trajectory(f"of {actor.name}", False)
-        line.add_shape(xosc.Polyline(way.times.tolist(), [self.place(Pose(*pose)) for pose in way.poses.tolist()]))
+        line.add_shape(xosc.Polyline(way[:, 0].tolist(), [self.place(Pose(*pose)) for pose in way[:, 1:].tolist()]))
         follow = xosc.FollowTrajectoryAction(line, xosc.FollowingMode.position, xosc.ReferenceContext.absolute, 1.0, 0.0)
         steps = [("follows", begins, follow)]
         if actor.appears is not None:

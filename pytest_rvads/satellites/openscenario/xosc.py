@@ -56,8 +56,6 @@ class Entity:
 class TrajectoryFile:
     """The content of a file with trajectories."""
 
-    where: str
-    """Name of the file in messages."""
     entities: tuple[Entity, ...]
     ways: Mapping[str, NDArray[np.float64]]
     """Vertices of the trajectory by name of the entity, each of shape ``(vertices, 5)``; `VERTEX` names the columns."""
@@ -77,16 +75,12 @@ def read_xosc(path: Path, columns: Mapping[str, str] | None, *, strict: bool, wa
     """
     if columns:
         raise RunError(f"{path.name}: OpenSCENARIO has fixed attributes, leave --columns out")
-    return log_of(read_trajectories(path, watch), strict=strict)
-
-
-def log_of(file: TrajectoryFile, *, strict: bool = False) -> Log:
-    """Return the content of a file as a log, the form that all formats of tracks share."""
+    file = read_trajectories(path, watch)
     if not file.ways:
         raise RunError(
-            f"{file.where}: no vehicle follows a trajectory, expected a run: rvads.files.load_scenario reads files of scenarios"
+            f"{path.name}: no vehicle follows a trajectory, expected a run: rvads.files.load_scenario reads files of scenarios"
         )
-    gather = Gather(file.where, _COLUMNS, strict=strict)
+    gather = Gather(path.name, _COLUMNS, strict=strict)
     for entity in file.entities:
         way = file.ways.get(entity.name)
         if way is not None and len(way):
@@ -128,7 +122,7 @@ def read_trajectories(path: Path, watch: Watch | None = None) -> TrajectoryFile:
     trajectories = {name: np.vstack(parts) for name, parts in ways.items() if parts and name not in reasons}
     all_reasons = {name: reasons.get(name, "it follows no trajectory") for name in ways if name not in trajectories}
     end = max((float(way[-1, 1]) for way in trajectories.values() if len(way)), default=0.0)
-    return TrajectoryFile(path.name, tuple(entities), trajectories, all_reasons, lights_of(root, end), map_of(root, path))
+    return TrajectoryFile(tuple(entities), trajectories, all_reasons, lights_of(root, end), map_of(root, path))
 
 
 class _Note(msgspec.Struct):
@@ -212,7 +206,8 @@ def lights_of(root: Node, end: float) -> dict[str, Changes]:
 
 def read_played(path: str | Path) -> Sequence[Run]:
     """Return the runs into which the traffic of a file is cut, at all junctions of the named map that vehicles pass."""
-    recordings = recordings_in(with_headings(log_of(read_trajectories(Path(path)))), FORMAT.point)
+    log = read_xosc(Path(path), None, strict=False, watch=None)
+    recordings = recordings_in(with_headings(log), FORMAT.point)
     return recordings[0] if len(recordings) == 1 else [run for recording in recordings for run in recording]
 
 
