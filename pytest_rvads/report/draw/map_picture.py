@@ -176,7 +176,14 @@ def _panel(road_map: RoadMap, report: JunctionReport, junction: Junction | None)
             line = place(view.near(edge.points))
             width = max((max(edge.width, 1.0) + extra) * scale, 1.0)
             parts.append(polyline(line, stroke=colour, stroke_width=f"{width:.1f}"))
-    parts += _painted(road_map, report, view)
+    for arm in report.arms:
+        for upstream, ids in ((True, arm.entrances), (False, arm.exits)):
+            lanes = [edges[id] for id in ids]
+            width = math.fsum(lane.width for lane in lanes) / max(len(lanes), 1)
+            centre = upstream or not arm.entrances
+            for mark, broken in marks([lane.points for lane in lanes], width, left_hand=report.left_hand, centre=centre):
+                near = place(_View(arm.x, arm.y, 2 * view.reach).near(mark))
+                parts.append(polyline(near, stroke="#fff", stroke_width=1.2, stroke_dasharray="8 8" if broken else None))
     for crosswalk in road_map.crossings.get(report.id, ()):  # the border of its painted area, and stripes along the lanes
         path = crosswalk.path
         across = np.array([-1.0, 1.0]) * (path.points[1] - path.points[0])[::-1] / path.length
@@ -233,21 +240,6 @@ def _directions(edge: Edge, view: _View) -> list[str]:
                 line = view.place([(px, py), (px + size * ux, py + size * uy)])
                 parts.append(polyline(line, stroke=_NO_TURN, stroke_width=1.2, marker_end="url(#way)"))
         covered += step
-    return parts
-
-
-def _painted(road_map: RoadMap, report: JunctionReport, view: _View) -> list[str]:
-    """Return SVG elements of the marks between the lanes of the arms."""
-    parts, edges = [], road_map.graph.edges
-    for arm in report.arms:
-        for upstream, ids in ((True, arm.entrances), (False, arm.exits)):
-            lanes = [edges[id] for id in ids]
-            width = math.fsum(lane.width for lane in lanes) / max(len(lanes), 1)
-            for line, broken in marks(
-                [lane.points for lane in lanes], width, left_hand=report.left_hand, centre=upstream or not arm.entrances
-            ):
-                near = view.place(_View(arm.x, arm.y, 2 * view.reach).near(line))
-                parts.append(polyline(near, stroke="#fff", stroke_width=1.2, stroke_dasharray="8 8" if broken else None))
     return parts
 
 

@@ -263,9 +263,8 @@ def _outlines(ghost: Run | None) -> str:
     parts = []
     for column, colour in enumerate(inks(ghost.agents)):
         length, width = size(ghost, column)
-        first_pose = np.nan_to_num(ghost.pose[ghost.spans[column, 0], column])
         parts.append(
-            f'<g class="ghost" stroke="{colour}" transform="{placed(first_pose)}">'
+            f'<g class="ghost" stroke="{colour}" transform="{placed(np.nan_to_num(ghost.pose[ghost.spans[column, 0], column]))}">'
             f'<rect x="{-length:g}" y="{-width / 2:g}" width="{length:g}" height="{width:g}" rx="0.4"/>'
             f'<path d="M-1.3 {-width / 2 + 0.25:g}L-0.3 0L-1.3 {width / 2 - 0.25:g}"/></g>'
         )

@@ -114,17 +114,13 @@ class Scene:
         return x - sin(heading) * aside, y + cos(heading) * aside
 
     def lights(self, colours: Iterable[int]) -> str:
-        """Return an SVG lamp per entrance with a light; a letter in the lamp names the colour for colour-blind readers.
-
-        The lamp stands at the kerb, or hangs over the lane if the arm has several lanes. The lamp of a pedestrian light is
-        smaller, and stands on the sidewalk beside the crosswalk.
-        """
+        """Return an SVG lamp per entrance with a light; a letter in the lamp names the colour for colour-blind readers."""
         junction, parts = self.junction, []
         for entrance, colour in enumerate(map(Colour, colours)):
             if colour is Colour.NONE:
                 continue
             lane = junction.way_in(entrance)
-            if entrance >= len(junction.entrances):
+            if entrance >= len(junction.entrances):  # on the sidewalk beside the crosswalk
                 way, scale = junction.further[entrance - len(junction.entrances)].way, " scale(.6)"
                 x, y, heading = lane.pose(lane.length - 0.9)
                 if isinstance(way, Crossing):
@@ -132,7 +128,7 @@ class Scene:
                     aside *= -1 if (way.side is Side.NEAR) != junction.left_hand else 1  # on the side of the junction
                     x, y = x - aside * sin(heading), y + aside * cos(heading)
             else:
-                (x, y, heading), beyond, scale = lane.pose(junction.approach(entrance)), _LAMP, ""
+                (x, y, heading), beyond, scale = lane.pose(junction.approach(entrance)), _LAMP, ""  # over the lane
                 if len(junction.arms[junction.entrances[entrance].arm].entrances) == 1:
                     (x, y), beyond = self._kerb(entrance), -_POST
                 x, y = x + beyond * cos(heading), y + beyond * sin(heading)
