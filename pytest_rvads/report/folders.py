@@ -75,7 +75,12 @@ def claimed(root: Path, token: str, keep: int = KEPT) -> Path:
         finally:
             _remove(part)
         _point(root, numbered, token)
-        _prune(root, keep)
+        for folder in sessions(root)[:-keep]:
+            with suppress(OSError):
+                written = max(path.stat().st_mtime for path in (folder, folder / _RUNS) if path.exists())
+                if not (folder / REPORT).exists() and time.time() - written < _ALIVE:
+                    continue
+            _remove(folder)
         return numbered
     raise OSError(EEXIST, "another process of this session began to make a folder there and did not end", str(root))
 
@@ -125,16 +130,6 @@ def _point(root: Path, folder: Path, token: str) -> None:
                 part.replace(link)
             finally:
                 part.unlink(missing_ok=True)
-
-
-def _prune(root: Path, keep: int) -> None:
-    """Remove the folders of all but the newest `keep` sessions; a session that may still be running keeps its folder."""
-    for folder in sessions(root)[:-keep]:
-        with suppress(OSError):
-            written = max(path.stat().st_mtime for path in (folder, folder / _RUNS) if path.exists())
-            if not (folder / REPORT).exists() and time.time() - written < _ALIVE:
-                continue
-        _remove(folder)
 
 
 def _remove(folder: Path) -> None:
