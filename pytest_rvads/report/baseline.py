@@ -63,11 +63,10 @@ def compare(report: Report, baseline: Report, name: str, gone: Callable[[str], b
             number = items[0][0]
             changes[number] = Change("ERODED", changes[number].nodeid, _eroded_margins([falls for _, falls in items]))
     for nodeid, record in before.items():
-        if gone(nodeid):
-            lost = [Change("LOST", nodeid, f"was {record.status}, does not exist any more")]
-            changes += [] if _state(record) == "idle" else lost
-        else:
+        if not gone(nodeid):
             changes.append(Change("OUTSIDE", nodeid))
+        elif _state(record) != "idle":
+            changes.append(Change("LOST", nodeid, f"was {record.status}, does not exist any more"))
     differences = [
         f"{package} was {baseline.versions[package]} and is {version}"
         for package, version in report.versions.items()
@@ -75,9 +74,7 @@ def compare(report: Report, baseline: Report, name: str, gone: Callable[[str], b
     ]
     differences += [f"the simulator was {was} and is {now}" for was, now in simulators if was and now and was != now]
     how = "not compared, which rvads report compare does all the same" if same else "compared all the same"
-    differences += [
-        f"{plural(count, 'item')} {difference}: {how}" for difference, count in difference_counts.items() if difference
-    ]
+    differences += [f"{plural(count, 'item')} {why}: {how}" for why, count in difference_counts.items() if why]
     return Comparison(name, tuple(changes), tuple(differences))
 
 

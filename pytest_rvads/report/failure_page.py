@@ -44,12 +44,10 @@ def earlier_run(report: Report, beside: Path, here: Path, nodeid: str, run: Run)
     with suppress(RunError):  # the hash is malformed
         paths.append(run_file(beside, record.hash))
     for path in paths:
-        try:
+        with suppress(RunError):  # the file is missing or damaged
             earlier = load_run(path)
-        except RunError:  # the file is missing or damaged
-            continue
-        if earlier.hash == record.hash and earlier.junction.digest == run.junction.digest:
-            return earlier
+            if earlier.hash == record.hash and earlier.junction.digest == run.junction.digest:
+                return earlier
     return None
 
 
@@ -57,18 +55,14 @@ def facts(record: Record, start: str, rerun: str) -> tuple[tuple[str, str], ...]
     """Return the facts about the run of a test item as pairs of a word and a text; unknown facts are left out."""
     verdict = record.verdicts[-1] if record.verdicts else None
     rule = verdict.rule if verdict is not None else record.rule or ""
+    rule += f": {verdict.title}" if verdict is not None and verdict.title else ""
     run: tuple[tuple[str, str], ...] = (("recorded", start),)
     if isinstance(record, SimulatedItem):
         driver = f"{record.driver} ({record.source})" if record.source else record.driver
         if record.traffic and verdict is not None and verdict.subject:
             driver = f"{driver}, {verdict.subject} alone; the others by {record.traffic}"
         run = ("scenario", start), ("driven by", driver), ("simulated by", record.simulator)
-    known_facts = (
-        *run,
-        ("rule", f"{rule}: {verdict.title}" if verdict is not None and verdict.title else rule),
-        ("requirements", ", ".join(record.requirements)),
-        ("rerun", rerun),
-    )
+    known_facts = (*run, ("rule", rule), ("requirements", ", ".join(record.requirements)), ("rerun", rerun))
     return tuple((word, text) for word, text in known_facts if text)
 
 
@@ -104,8 +98,7 @@ def failure_pages(run: Run, verdict: Verdict, rule: str | Rule, notes: str, besi
     """Yield replay pages of the instances (rule for certain vehicles) that are violated, open or unsure, with their monitors.
 
     The first page opens at the time that `moment` returns. A simulated run gives one page. Recorded traffic gives a page for each
-    instance that no earlier page shows. A page of recorded traffic shows the seconds around its instance, with the vehicles that
-    were present in these seconds.
+    instance that no earlier page shows.
     """
     beside, tracks = beside or Beside(), list[Track]()
     traffic, driver = run.provenance.get("traffic"), str(run.provenance.get("autopilot") or "")

@@ -40,7 +40,6 @@ class Excess(msgspec.Struct, frozen=True, kw_only=True):
     """Accelerations that a driver asked for in a run and its vehicle can't reach."""
 
     requests: Count
-    """Number of commands."""
     largest: float
     """The acceleration of the greatest magnitude [m/s^2]."""
 
@@ -186,11 +185,9 @@ class SimulatedItem(_Item, frozen=True, kw_only=True, omit_defaults=True, tag="s
     seat: Count | None
     traffic: str | None
     driver: str
-    """Name of the driver, as the driver gives it."""
     source: str = ""
     """File of the driver and digest of its code, or the version of the driver: ``pilots.py 3fa29c01``."""
     simulator: str = ""
-    """Name of the simulator, as the simulator gives it."""
     pedestrians: str = ""
     """The pedestrians as in ids of test items, such as ``1n.steady.e0.50``; empty if nobody walks."""
     orbit: str = ""
