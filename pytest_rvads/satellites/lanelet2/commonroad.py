@@ -20,7 +20,7 @@ from pytest_rvads.geometry.opendrive.signals import STANDARD
 from pytest_rvads.geometry.opendrive.xmlfile import speed_of
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.satellites.lanelet2.lanelet_areas import Ground, listed
-from pytest_rvads.satellites.lanelet2.lanelet_network import Regulation, Rules, network_of, none_drivable
+from pytest_rvads.satellites.lanelet2.lanelet_network import Regulation, Rules, network_of
 from pytest_rvads.satellites.lanelet2.lanelets import Array, Bound, Lanelet, aligned, crosswalk_of, turned, with_centre_lines
 from pytest_rvads.satellites.lanelet2.osm_file import MAX_ELEMENTS, parsed
 from pytest_rvads.support.errors import MapError
@@ -118,15 +118,24 @@ class _Reader:
         if +self.others:
             counts = ", ".join(f"{count} {name}" for name, count in (+self.others).most_common())
             self.warnings.append(MapWarning(Doubt.LANE, f"lanelets that no car drives on were left out: {counts}"))
-        if not lanes:
-            raise MapError(none_drivable(len(self.elements), self.warnings))
+
         stated, outside = {}, set()
         for intersection in self.root.iterfind("intersection"):
             refs = [element.get("ref", "") for element in intersection.iter() if element.tag.startswith("successors")]
             if inside := [ref for ref in dict.fromkeys(refs) if ref in lanes]:
                 stated[intersection.get("id", "")] = inside
             outside |= {element.get("ref", "") for element in intersection.iterfind("incoming/incomingLanelet")}
-        return network_of(Ground(lanes, self._links(lanes), stated, outside), self._rules(lanes), self.warnings)
+        links = nx.DiGraph()
+        links.add_nodes_from(lanes)
+        for id, element in self.elements.items():
+            pairs = [(id, part.get("ref", "")) for part in element.iterfind("successor")]
+            pairs += [(part.get("ref", ""), id) for part in element.iterfind("predecessor")]
+            for before, after in pairs:
+                for pair in ((before, after), (f"{after}:back", f"{before}:back")):
+                    if pair[0] in lanes and pair[1] in lanes and pair[0] != pair[1]:
+                        links.add_edge(*pair)
+        ground = Ground(lanes, links, stated, outside)
+        return network_of(ground, self._rules(lanes), self.warnings, len(self.elements))
 
     def _lanelets(self, id: str, element: Element) -> Iterator[Lanelet]:
         """Yield the lanelets of an element: none for a broken lanelet or one without cars, two for a two-way lanelet."""
@@ -163,19 +172,6 @@ class _Reader:
         yield lanelet
         if {(part.text or "").strip() for part in element.iterfind("userBidirectional")} & {"car", "vehicle"}:
             yield turned(lanelet)
-
-    def _links(self, lanes: dict[str, Lanelet]) -> nx.DiGraph:
-        """Return the links that the file states, in both directions of two-way lanelets."""
-        links = nx.DiGraph()
-        links.add_nodes_from(lanes)
-        for id, element in self.elements.items():
-            pairs = [(id, part.get("ref", "")) for part in element.iterfind("successor")]
-            pairs += [(part.get("ref", ""), id) for part in element.iterfind("predecessor")]
-            for before, after in pairs:
-                for pair in ((before, after), (f"{after}:back", f"{before}:back")):
-                    if pair[0] in lanes and pair[1] in lanes and pair[0] != pair[1]:
-                        links.add_edge(*pair)
-        return links
 
     def _rules(self, lanes: dict[str, Lanelet]) -> Rules:
         """Return the signs, lights and stop lines of the lanelets."""

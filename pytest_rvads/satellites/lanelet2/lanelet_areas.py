@@ -105,10 +105,6 @@ class _Finder:
         pairs = ((a, b, names[a], names[b]) for a, b in self.links.edges if not self.cuts[a][1] and not self.cuts[b][0])
         return [(a, b, one, two) for a, b, one, two in pairs if one is not None and two is not None and one != two]
 
-    def drop(self, ids: Iterable[str]) -> None:
-        for id in ids:
-            self.cluster.pop(self.lanes[id].source, None)
-
     def crosses(self, ids: Iterable[str]) -> bool:
         return not self.crossing.isdisjoint(self.lanes[id].source for id in ids)
 
@@ -200,8 +196,8 @@ class _Finder:
         """Drop clusters with fewer than three lanes that lead in or out."""
         groups = self.groups()
         dropped = [name for name, ids in groups.items() if sum(self.ends(ids)) < 3]
-        for name in dropped:
-            self.drop(groups[name])
+        for id in (id for name in dropped for id in groups[name]):
+            self.cluster.pop(self.lanes[id].source, None)
         if dropped:
             self.doubts.append(
                 f"places where lanelets meet, with fewer than three lanes in and out, are no junctions: {listed(dropped)}"
@@ -221,7 +217,8 @@ class _Finder:
                 self.cluster |= {self.lanes[id].source: name for id in groups[other]}
                 groups[name] = sorted(groups[name] + groups.pop(other), key=places.__getitem__)
                 continue
-            self.drop(groups[weak])
+            for id in groups[weak]:
+                self.cluster.pop(self.lanes[id].source, None)
             lanelets, other = listed(self.lanes[id].source for id in groups[weak]), names[names[0] == weak]
             self.doubts.append(f"lanelets {lanelets} only part or join lanes beside junction J{other} and were read as its roads")
         table: defaultdict[str, list[str]] = defaultdict(list)

@@ -16,7 +16,7 @@ from pytest_rvads.geometry.opendrive.builder import MAX_SAMPLES
 from pytest_rvads.geometry.opendrive.signals import STANDARD
 from pytest_rvads.geometry.opendrive.xmlfile import speed_of
 from pytest_rvads.satellites.lanelet2.lanelet_areas import Ground, listed
-from pytest_rvads.satellites.lanelet2.lanelet_network import Regulation, Rules, network_of, none_drivable
+from pytest_rvads.satellites.lanelet2.lanelet_network import Regulation, Rules, network_of
 from pytest_rvads.satellites.lanelet2.lanelets import (
     Bound,
     Lanelet,
@@ -92,12 +92,10 @@ class _Reader:
             if table:
                 counts = ", ".join(f"{count} {one_line(subtype, 40)}" for subtype, count in table.most_common(10))
                 self.warnings.append(MapWarning(Doubt.LANE, f"lanelets {which} were left out: {counts}"))
-        if not lanes:
-            raise MapError(none_drivable(len(self.relations), self.warnings))
         rules = self._rules(lanes)
         regions = Counter(region for item in self.relations.values() if (region := item.tags.get("region", "").lower()[:2]))
         hand = next(("left" if name in _LEFT else "right" for name, _ in regions.most_common(1)), None)
-        return network_of(Ground(lanes, link_lanelets(lanes), region=hand), rules, self.warnings)
+        return network_of(Ground(lanes, link_lanelets(lanes), region=hand), rules, self.warnings, len(self.relations))
 
     def _lanelets(self, id: str, relation: Relation) -> Iterator[Lanelet]:
         """Yield the lanelets of a relation: none for a broken lanelet or one without cars, two for a two-way lanelet."""

@@ -72,9 +72,12 @@ class Rules:
     crosswalks: list[PaintedCrosswalk] = field(default_factory=list)
 
 
-def network_of(ground: Ground, rules: Rules, warnings: Iterable[MapWarning]) -> Network:
-    """Return the network of the lanelets of a map."""
+def network_of(ground: Ground, rules: Rules, warnings: Iterable[MapWarning], count: int) -> Network:
+    """Return the network of the lanelets of a map; `count` is the number of lanelets in the file."""
     doubts = list(warnings)
+    left_out = "".join(f"; {warning.message}" for warning in doubts if warning.kind is Doubt.LANE)
+    if not ground.lanes:
+        raise MapError(f"it has {plural(count, 'lanelet')}, and none that a car can drive on; use another map{left_out}")
     if odd := turn_odd(ground.lanes, ground.links):
         message = f"lanelets that run against the lanelets before and behind them were turned, left for right: {listed(odd)}"
         doubts.append(MapWarning(Doubt.SIDE, message))
@@ -83,7 +86,7 @@ def network_of(ground: Ground, rules: Rules, warnings: Iterable[MapWarning]) -> 
     if not members:
         raise MapError(
             f"it has {plural(len(ground.lanes), 'lane')} but no place where lanelets of three roads cross, merge or part, so it "
-            f"offers nothing to test; use a map with a junction{_left_out(doubts)}"
+            f"offers nothing to test; use a map with a junction{left_out}"
         )
     left_hand = _keeps_left(ground, members, doubts)
     junctions = {id: name for name, ids in members.items() for id in ids}
@@ -112,16 +115,6 @@ def network_of(ground: Ground, rules: Rules, warnings: Iterable[MapWarning]) -> 
         tuple(doubts),
         crosswalks=tuple(rules.crosswalks),
     )
-
-
-def none_drivable(count: int, warnings: Iterable[MapWarning]) -> str:
-    """Return the refusal of a map whose lanelets are all left out."""
-    return f"it has {plural(count, 'lanelet')}, and none that a car can drive on; use another map{_left_out(warnings)}"
-
-
-def _left_out(warnings: Iterable[MapWarning]) -> str:
-    """Return the end of a refusal that says which lanelets were left out; empty if none were."""
-    return "".join(f"; {warning.message}" for warning in warnings if warning.kind is Doubt.LANE)
 
 
 def _keeps_left(ground: Ground, members: Members, doubts: list[MapWarning]) -> bool:
