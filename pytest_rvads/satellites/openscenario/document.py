@@ -90,10 +90,8 @@ class Document:
 def body_of(agent: Agent, vehicle: Vehicle | None = None) -> Body:
     """Return the body of an agent; `vehicle` are the parameters with which it was simulated, None if they are unknown.
 
-    If the parameters are unknown or have another size than the agent, the distance from the front to the rear axle is assumed to
-    be the share `AXLE` of the length, as in a usual car. The wheelbase follows from the assumption that the axles lie
-    symmetrically about the middle of the body, as in `Vehicle.rear_axle_offset`. A pedestrian has no axles, and its
-    reference point is its middle.
+    Parameters of another size than the agent count as unknown: the axles then lie symmetrically about the middle, as in a usual
+    car, the rear axle at the share `AXLE` of the length. A pedestrian has no axles, and its reference point is its middle.
     """
     usual = Vehicle()
     if vehicle is not None and agent.size in (None, (vehicle.length, vehicle.width)):

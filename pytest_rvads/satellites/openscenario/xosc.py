@@ -109,13 +109,12 @@ def read_trajectories(path: Path, watch: Watch | None = None) -> TrajectoryFile:
         elif timing is None or bool(np.isnan(line.points()[:, 1]).any()):
             reasons[name] = "its trajectory has no times"
         else:
-            start = 0.0
+            start, points = 0.0, line.points()
             if trigger is not None and timing.attributes.get("domainAbsoluteRelative") == "relative":
                 begins = trigger.first("SimulationTimeCondition")
                 if begins is None:
                     raise trigger.refused("has no <SimulationTimeCondition>, expected the time at which the trajectory begins")
                 start = begins.number("value")
-            points = line.points()
             # The times are counted from the beginning of the simulation.
             points[:, 1] = start + timing.number("offset", 0.0) + timing.number("scale", 1.0) * points[:, 1]
             ways[name].append(points)
@@ -151,11 +150,11 @@ def entities_of(root: Node) -> list[Entity]:
             continue
         kind = kind_of(f"{body.tag} {body.attributes.get('vehicleCategory', '')} {body.attributes.get('entryName', '')}")
         centre, box = body.first("BoundingBox", "Center"), body.first("BoundingBox", "Dimensions")
-        if centre is None or box is None:
-            entities.append(Entity(node.text("name"), kind, None, None))
-        else:
-            length, width = box.number("length"), box.number("width")
-            entities.append(Entity(node.text("name"), kind, (length, width), centre.number("x") + length / 2))
+        size = ahead = None
+        if centre is not None and box is not None:
+            size = box.number("length"), box.number("width")
+            ahead = centre.number("x") + size[0] / 2
+        entities.append(Entity(node.text("name"), kind, size, ahead))
     return entities
 
 
