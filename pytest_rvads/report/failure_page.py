@@ -165,10 +165,7 @@ def usual_rules(run: Run) -> tuple[Rule, ...]:
 
 
 def _troubles(verdict: Verdict) -> list[tuple[float, str, tuple[str, ...]]]:
-    """Return a time [s], a line of text and the responsible vehicles for each violated, open or unsure instance of a rule.
-
-    Instances without a time (see `when`) are left out.
-    """
+    """Return a time [s], a line of text and the responsible vehicles for each violated, open or unsure instance of a rule."""
     troubles = []
     for instance in verdict.instances:
         time = when(verdict, instance)

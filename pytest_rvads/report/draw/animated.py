@@ -132,10 +132,7 @@ class Film(NamedTuple):
 
 
 def filmed(run: Run, scene: Scene, responsible: Collection[str], around: float | None, before: float, after: float) -> Film:
-    """Return the states that an animation shows, with the arguments of `animated`; `before` and `after` are longest times [s].
-
-    With `around`, the film begins when a responsible vehicle comes into view, at most 1 s before the vehicle comes to its line.
-    """
+    """Return the states that an animation shows, with the arguments of `animated`; `before` and `after` are longest times [s]."""
     last, begin, hold = run.steps - 1, 0, 0.0
     still = end = min(last, round(_LONGEST / run.dt))
     if around is not None:

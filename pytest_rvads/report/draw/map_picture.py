@@ -111,8 +111,8 @@ def _legend(words: Iterable[str]) -> str:
         parts.append(f'<path d="M{x:g} {y - 4:g}h24" stroke="{TURNS[word]}" stroke-width="2" marker-end="url(#{word})"/>')
         parts.append(text(x + 30, y, word))
         x += 95
-    dashed = f'<path d="M{x:g} {y - 4:g}h24" stroke="#333" stroke-width="2" stroke-dasharray="{_DASHES}"/>'
-    parts.append(dashed + text(x + 30, y, "gives way to somebody"))
+    parts.append(f'<path d="M{x:g} {y - 4:g}h24" stroke="#333" stroke-width="2" stroke-dasharray="{_DASHES}"/>')
+    parts.append(text(x + 30, y, "gives way to somebody"))
     x, y = 12, y + 20
     for mark, label, width in (
         (_number(x + 8, y - 4, "0"), "entrance", 95),

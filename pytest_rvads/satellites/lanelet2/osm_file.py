@@ -137,10 +137,7 @@ def parsed(
 
 
 def read_osm(path: str | os.PathLike[str]) -> OsmMap:
-    """Read a file of OpenStreetMap XML.
-
-    Nodes without coordinates, and references to nodes that the file lacks, are left out of the ways.
-    """
+    """Read a file of OpenStreetMap XML; nodes without coordinates are left out of the ways."""
     builder = _Builder(f"map file {path}")
     parsed(path, "a Lanelet2 file (.osm)", builder.start, builder.end)
     names = [id for id in dict.fromkeys(node for way in builder.ways.values() for node in way.nodes) if id in builder.nodes]
