@@ -48,13 +48,8 @@ class Drive:
     vehicle: Intention
     key: Key
     """Entrance and exit."""
-    distance: float
-    """Initial distance from the front to the stopping line [m]."""
-
-    @property
-    def start(self) -> tuple[float, float]:
-        """Initial distance [m] and speed [m/s], as in a `Scenario`."""
-        return self.distance, self.vehicle.speed
+    start: tuple[float, float]
+    """Initial distance from the front to the stopping line [m], and initial speed [m/s], as in a `Scenario`."""
 
 
 def intentions(root: Node, where: str) -> Mapping[str, Intention]:
@@ -153,5 +148,5 @@ def matched(intention: Intention, junction: Junction) -> Drive | None:
             continue
         cost = abs(beside) + math.fsum(abs(offset) for _, offset in offsets)
         if best is None or cost < best[0]:
-            best = cost, Drive(intention, key, round(max(distance, 0.0), 6) + 0.0)
+            best = cost, Drive(intention, key, (round(max(distance, 0.0), 6) + 0.0, intention.speed))
     return None if best is None else best[1]

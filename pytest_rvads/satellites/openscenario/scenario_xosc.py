@@ -248,7 +248,7 @@ def _foreign_scenario(by_name: Mapping[str, Intention], root: Node, places: list
         queues[drive.key[0]].append(drive)
     lanes = range(len(place.entrances))
     order = [*queues, *(e for e in lanes if e not in queues)]
-    heads = {entrance: min(queue, key=lambda drive: drive.distance) for entrance, queue in queues.items()}
+    heads = {entrance: min(queue, key=lambda drive: drive.start[0]) for entrance, queue in queues.items()}
     counts = {len(queue) for queue in queues.values()}
     if len(counts) > 1 or any(drive.key != heads[drive.key[0]].key for drive in drives):
         raise ScenarioError(f"{where}: every entrance must have equally many vehicles, and all of an entrance the same route")
@@ -284,7 +284,7 @@ def _foreign_scenario(by_name: Mapping[str, Intention], root: Node, places: list
 
 def _check_queues(scenario: Scenario, queues: Mapping[int, list[Drive]], where: str) -> None:
     """Check that queued vehicles start at the positions and speeds that a `Scenario` gives to followers."""
-    rows = [drive for entrance in sorted(queues) for drive in sorted(queues[entrance], key=lambda drive: drive.distance)]
+    rows = [drive for entrance in sorted(queues) for drive in sorted(queues[entrance], key=lambda drive: drive.start[0])]
     lengths = {agent.name: drive.vehicle.length for agent, drive in zip(scenario.agents(), rows, strict=True)}
     for drive, start in zip(rows, _starts(scenario, lengths), strict=True):
         if not np.allclose(drive.start, start, rtol=0.0, atol=_TOLERANCE):
