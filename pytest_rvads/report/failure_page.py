@@ -132,22 +132,7 @@ def failure_pages(run: Run, verdict: Verdict, rule: str | Rule, notes: str, besi
         begin, end = max(tick - round(_BEFORE / run.dt), 0), min(tick + round(_AFTER / run.dt) + 1, run.steps)
         title = verdict.message if not shown else next(event for t, event, _ in troubles if t == time)
         shown.append((begin, end))
-        # The states of these seconds are a run of the vehicles that are present in these seconds.
-        span, shift = slice(begin, end), begin * run.dt
-        present = np.flatnonzero(run.here[span].any(axis=0)).tolist()
-        agents = tuple(run.agents[column] for column in present)
-        names = {agent.name for agent in agents}
-        columns = [name for name in (*ARRAYS, "spread") if name != "lights" and getattr(run, name) is not None]
-        within = [c for c in run.collisions or () if begin <= round(c.time / run.dt) < end and names.issuperset(c.agents)]
-        part = replace(
-            run,
-            lights=run.lights[span],
-            **{name: getattr(run, name)[span][:, present] for name in columns},
-            agents=agents,
-            collisions=None if run.collisions is None else tuple(replace(c, time=c.time - shift) for c in within),
-            fault=None if run.fault is None else replace(run.fault, time=run.fault.time - shift),
-            excerpt=replace(run.excerpt, start=run.start + shift),
-        )
+        part = _part(run, begin, end)
         marked = [(t, event) for t, event, _ in troubles if part.start <= t <= part.start + part.duration]
         lines = []
         for track in tracks:
@@ -155,7 +140,7 @@ def failure_pages(run: Run, verdict: Verdict, rule: str | Rule, notes: str, besi
             inside = [(tick - begin, word) for tick, word in track.changes if begin < tick < end]
             if inside:
                 lines.append(replace(track, changes=((0, before[-1]), *inside)))
-        responsible = {name for t, _, those in troubles if t == time for name in those}
+        responsible = {name for t, _, names in troubles if t == time for name in names}
         yield Page(time, replay(part, title, notes, marked or [(time, title)], lines, responsible, time, beside))
 
 
@@ -199,3 +184,22 @@ def timelines(run: Run, rule: str | Rule) -> tuple[Track, ...]:
         label = f"{rule.name} {', '.join(name for _, name in binding if name in vehicles)}"
         tracks.append(Track(label, tuple(changes(np.array(words)[states])), binding))
     return tuple(tracks)
+
+
+def _part(run: Run, begin: int, end: int) -> Run:
+    """Return the states between two ticks as a run of the vehicles that are present in these states."""
+    span, shift = slice(begin, end), begin * run.dt
+    present = np.flatnonzero(run.here[span].any(axis=0)).tolist()
+    agents = tuple(run.agents[column] for column in present)
+    names = {agent.name for agent in agents}
+    columns = [name for name in (*ARRAYS, "spread") if name != "lights" and getattr(run, name) is not None]
+    within = [c for c in run.collisions or () if begin <= round(c.time / run.dt) < end and names.issuperset(c.agents)]
+    return replace(
+        run,
+        lights=run.lights[span],
+        **{name: getattr(run, name)[span][:, present] for name in columns},
+        agents=agents,
+        collisions=None if run.collisions is None else tuple(replace(c, time=c.time - shift) for c in within),
+        fault=None if run.fault is None else replace(run.fault, time=run.fault.time - shift),
+        excerpt=None if run.excerpt is None else replace(run.excerpt, start=run.start + shift),
+    )

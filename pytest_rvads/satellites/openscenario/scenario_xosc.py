@@ -242,7 +242,10 @@ def _foreign_scenario(by_name: Mapping[str, Intention], root: Node, places: list
         raise ScenarioError(
             f"{where}: all routes lead through {len(fitting)} junctions ({ids:.100}): name a junction (junction=)"
         )
-    place, drives = fitting[0]
+    return _scenario_of_drives(*fitting[0], root, where)
+
+
+def _scenario_of_drives(place: Junction, drives: list[Drive], root: Node, where: str) -> Scenario:
     queues: dict[int, list[Drive]] = defaultdict(list)
     for drive in drives:
         queues[drive.key[0]].append(drive)
