@@ -9,7 +9,7 @@ import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +32,7 @@ from pytest_rvads.geometry.segment import Segment, join
 from pytest_rvads.geometry.turns import turn_word
 from pytest_rvads.geometry.ways import Entrance, Exit, Movement
 from pytest_rvads.support.errors import MapError, suggest
-from pytest_rvads.support.installed import entries, load
+from pytest_rvads.support.installed import by_suffix
 from pytest_rvads.support.wording import plural
 
 WALK_LIMIT = 600.0
@@ -202,14 +202,9 @@ def read_map(path: str | os.PathLike[str], *, uturns: bool = False, clusters: bo
 Reader = Callable[[str | os.PathLike[str]], Network]
 
 
-def _read_by_entry_point(name: str, path: str | os.PathLike[str]) -> Network:
-    network: Network = load("maps", name)(path)
-    return network
-
-
 READERS: dict[str, Reader] = {
     ".xodr": read_network,
-    **{f".{name}": partial(_read_by_entry_point, name) for name in entries("maps")},
+    **by_suffix("maps"),
 }
 """Per suffix, in lower case, a reader, which raises MapError for a file that it can't read.
 

@@ -115,18 +115,15 @@ class Counts:
         self._add_indicators(record)
         self._add_arrivals(site, record)
         if isinstance(record, SimulatedItem):
-            self._add_makers(record)
+            for maker in (("driven", record.driver, record.source), ("simulated", record.simulator, "")):
+                if maker[1]:
+                    self.makers[maker].add(record.ran_as)
         if record.hash and record.status is not Outcome.ERROR:
             if record.hash not in self.runs[site]:
                 self._add_order(site, record)
             self.runs[site].add(record.hash)
             if isinstance(record, SimulatedItem):
                 self._add_scenario(site, record)
-
-    def _add_makers(self, record: SimulatedItem) -> None:
-        for verb, name, source in (("driven", record.driver, record.source), ("simulated", record.simulator, "")):
-            if name:
-                self.makers[verb, name, source].add(record.ran_as)
 
     def _add_indicators(self, record: Record) -> None:
         """Count the extremes, the computing times and the excessive requests of the run of a record, once per run."""

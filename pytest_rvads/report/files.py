@@ -10,7 +10,7 @@ import io
 import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import fields, replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
@@ -25,8 +25,7 @@ from pytest_rvads.report.record import properties
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.support.decoding import decode, encode
 from pytest_rvads.support.errors import RvadsError
-from pytest_rvads.support.installed import entries
-from pytest_rvads.support.installed import load as load_entry
+from pytest_rvads.support.installed import by_suffix
 from pytest_rvads.support.storage import read_file, write_file
 from pytest_rvads.support.wording import printable
 
@@ -108,11 +107,6 @@ def _json(report: Report) -> Iterator[str]:
     yield f"\n ],{msgspec.json.format(encode(other_fields), indent=1).decode().removeprefix('{')}"
 
 
-def _external_format(name: str, report: Report, folder: Path) -> Any:
-    """Return a report in the format of another package, given the name of its entry point."""
-    return load_entry("reports", name)(report, folder)
-
-
 _COLUMNS = {
     "junction": "junction",
     "control": "control",
@@ -157,17 +151,13 @@ def table(report: Report) -> Iterator[str]:
 
 def _csv_row(cells: Iterable[object]) -> str:
     out = io.StringIO()
-    csv.writer(out, lineterminator="\n").writerow(map(_spreadsheet_value, cells))
+    csv.writer(out, lineterminator="\n").writerow(_spreadsheet_text(cell) if isinstance(cell, str) else cell for cell in cells)
     return out.getvalue()
-
-
-def _spreadsheet_value(value: object) -> object:
-    """Return a value for a spreadsheet: an apostrophe before a text keeps a spreadsheet from computing the text as a formula."""
-    return _spreadsheet_text(value) if isinstance(value, str) else value
 
 
 @lru_cache(256)  # the rows of a run have most cells in common
 def _spreadsheet_text(text: str) -> str:
+    """Return a text for a spreadsheet; an apostrophe before it keeps the spreadsheet from computing it as a formula."""
     safe_text = printable(text, len(text))
     return f"'{safe_text}" if _FORMULA.match(text) and not _NUMBER.fullmatch(text) else safe_text
 
@@ -200,7 +190,7 @@ FORMATS: dict[str, Callable[[Report, Path], Any]] = {
     ".md": lambda report, _: markdown(report),
     ".csv": lambda report, _: table(report),
     ".xml": lambda report, _: junit(report),
-    **{f".{name}": partial(_external_format, name) for name in entries("reports")},
+    **by_suffix("reports"),
 }
 """Per suffix, a function of a report and of the folder of the new file that returns the content of the file for `write`.
 

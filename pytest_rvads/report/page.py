@@ -77,14 +77,7 @@ def rendered(
     with_items: bool = False,
     starts: str = "",
 ) -> str:
-    """Return an HTML page that shows the beginning and the figures of an outline; scripts show the rest from `data`.
-
-    Args:
-        folder: the folder of the page, from which its links start.
-        sources: names of further style sheets and scripts.
-        with_items: whether the page has a place for the items of a report.
-        starts: address of the page of critical starts; empty without one.
-    """
+    """Return an HTML page for a folder, which shows the beginning and the figures of an outline; scripts show `data`."""
     more: dict[str, Any] = {
         "same": SAME,
         "long": LONG,

@@ -13,7 +13,7 @@ from typing import Any
 
 import msgspec
 
-from pytest_rvads.logic.outcome import Tallied, counted
+from pytest_rvads.logic.outcome import counted
 from pytest_rvads.report.files import FORMATS, fitting, write
 from pytest_rvads.report.markdown import section
 from pytest_rvads.report.matrix import Matrix
@@ -187,7 +187,10 @@ def content(compared: SideBySide) -> dict[str, Any]:
         "versions": compared.comparison.versions,
         "changes": [asdict(change) for change in compared.comparison.changes if change.kind != "UNCHANGED"],
         "tables": None if compared.matrices is None else tables,
-        "rules": [{"rule": rule, "verdicts": list(map(_by_name, tallies))} for rule, tallies in compared.rules],
+        "rules": [
+            {"rule": rule, "verdicts": [{kind or "known": count for kind, count in tally.items()} for tally in tallies]}
+            for rule, tallies in compared.rules
+        ],
         "causes": [asdict(cause) for cause in compared.causes],
     }
 
@@ -195,10 +198,6 @@ def content(compared: SideBySide) -> dict[str, Any]:
 def json_of(values: dict[str, Any]) -> str:
     """Return values as indented JSON."""
     return msgspec.json.format(encode(values), indent=1).decode() + "\n"
-
-
-def _by_name(counts: dict[Tallied, int]) -> dict[str, int]:
-    return {"known" if kind is None else kind.value: count for kind, count in counts.items()}
 
 
 _FORMATS: dict[str, Callable[[SideBySide, Path], str]] = {

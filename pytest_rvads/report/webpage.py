@@ -18,16 +18,10 @@ from pytest_rvads.support.wording import printable
 
 
 def webpage(template: str, title: str, data: object, sources: Sequence[str], *, style: str = "", **content: Any) -> str:
-    """Return an HTML page.
-
-    Args:
-        template: name of the template, which extends ``frame.html``.
-        data: the content for the script, as JSON.
-        sources: names of the style sheets (``.css``) and scripts (``.js``) of the page.
-        style: more style, after the style sheets.
-        content: values for the template; a text is escaped unless it is a `Markup`.
-    """
-    style = _colours() + "".join(_source(name) for name in sources if name.endswith(".css")) + style
+    """Return an HTML page made of a template that extends ``frame.html``; style sheets and scripts are files of this package."""
+    light, dark = ("".join(f"--{mark}:{look[number]};" for mark, look in MARKS.items()) for number in (1, 2))
+    colours = f":root{{{light}}}@media screen{{:root[data-theme=dark]{{{dark}}}}}"
+    style = colours + "".join(_source(name) for name in sources if name.endswith(".css")) + style
     script = "".join(_source(name) for name in ("webpage.js", *sources) if name.endswith(".js"))
     policy = (
         f"default-src 'none'; script-src 'sha256-{_digest(script)}'; style-src 'sha256-{_digest(style)}'; img-src data:; "
@@ -49,12 +43,6 @@ def _templates() -> Environment:
         lstrip_blocks=True,
         finalize=lambda value: printable(value, len(value)) if type(value) is str else value,
     )
-
-
-def _colours() -> str:
-    """Return the colours of the marks of outcomes as style, for light and dark screens."""
-    light, dark = ("".join(f"--{mark}:{colours[number]};" for mark, colours in MARKS.items()) for number in (1, 2))
-    return f":root{{{light}}}@media screen{{:root[data-theme=dark]{{{dark}}}}}"
 
 
 def _source(name: str) -> str:

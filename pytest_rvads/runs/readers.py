@@ -12,7 +12,6 @@ import reprlib
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from glob import glob
 from itertools import pairwise
 from pathlib import Path
@@ -33,7 +32,7 @@ from pytest_rvads.runs.runfile import load_run
 from pytest_rvads.runs.states import Agent, Colour, Kind, Zone
 from pytest_rvads.support.decoding import decode, typed
 from pytest_rvads.support.errors import MapError, RunError
-from pytest_rvads.support.installed import entries, load
+from pytest_rvads.support.installed import by_suffix
 from pytest_rvads.support.storage import read_file
 
 _MOST_BYTES = 16 * 2**20
@@ -150,15 +149,10 @@ def _read_npz(path: str | Path) -> Sequence[Run]:
     return load_recording(path) if is_recording else [load_run(path)]
 
 
-def _read_by_entry_point(name: str, path: str | Path) -> Sequence[Run]:
-    runs: Sequence[Run] = load("runs", name)(path)
-    return runs
-
-
 READERS: dict[str, Callable[[str | Path], Sequence[Run]]] = {
     ".json": read_recorded,
     ".npz": _read_npz,
-    **{f".{name}": partial(_read_by_entry_point, name) for name in entries("runs")},
+    **by_suffix("runs"),
 }
 """Per suffix, in lower case, a reader, which raises `RunError` for a file that it can't read. Readers of other packages are entry
 points ``rvads.runs``, named by the suffix."""

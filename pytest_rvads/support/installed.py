@@ -6,8 +6,8 @@ Verdicts depend on the software whose versions are listed.
 from __future__ import annotations
 
 import platform
-from collections.abc import Mapping
-from functools import cache, lru_cache
+from collections.abc import Callable, Mapping
+from functools import cache, lru_cache, partial
 from hashlib import sha256
 from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, version
 from pathlib import Path
@@ -37,6 +37,15 @@ def load(group: str, name: str) -> Any:
         raise RvadsError(
             f"the entry point {name} = {entry.value} in the group rvads.{group}{package} can't be loaded: {one_line(str(error))}"
         ) from error
+
+
+def by_suffix(group: str) -> dict[str, Callable[..., Any]]:
+    """Return the entry points of a group that are named by suffixes, by suffix; each is loaded when it is called."""
+
+    def call(name: str, *arguments: object) -> Any:
+        return load(group, name)(*arguments)
+
+    return {f".{name}": partial(call, name) for name in entries(group)}
 
 
 def versions(*libraries: str) -> dict[str, str]:

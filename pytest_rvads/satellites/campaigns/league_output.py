@@ -137,12 +137,12 @@ def _judged(
             shown = partial(progress, what=f"runs of {name}")
             results, stopped = continued(cases.values(), league.rules, file, simulator, executor, shown, len(cases))
         if stopped:
-            notes.append(_cut(stopped))
+            notes.append(INTERRUPTED if isinstance(stopped, KeyboardInterrupt) else f"INCOMPLETE: {stopped}")
             executor = None
         try:
             sides.extend(_sides(league, name, driver, simulator, folder / f"critical-{key}.json", executor))
         except (KeyboardInterrupt, RvadsError, OSError) as error:
-            notes.append(_cut(error))
+            notes.append(INTERRUPTED if isinstance(error, KeyboardInterrupt) else f"INCOMPLETE: {error}")
         if results is None:
             return Standing(name, Report((), notes=tuple(notes), complete=False), sides)
         opened_results.enter_context(results)
@@ -171,10 +171,6 @@ def _judged(
         complete=complete,
     )
     return Standing(name, report, sides)
-
-
-def _cut(error: BaseException) -> str:
-    return INTERRUPTED if isinstance(error, KeyboardInterrupt) else f"INCOMPLETE: {error}"
 
 
 def _sides(

@@ -31,11 +31,7 @@ class Request:
     cover: str = "conflicts"
     occupancy: str = "arms"
     grid: tuple[str, ...] | None = None
-    """Configurations; None for the configurations of the paper, or, with a subject, for `ARRIVALS`.
-
-    With None and a subject, each scenario has only one of these configurations for each seat (entrance of the subject), and the
-    configurations alternate.
-    """
+    """Configurations; None for those of the paper, or, with a subject, for those of `ARRIVALS` in turn, one per seat."""
     subject: int | str | None = None
     traffic: Policy | None = None
     """Driver of the other vehicles if there is a subject (vehicle under test)."""
@@ -138,7 +134,11 @@ class Plan:
 
     @cached_property
     def _sampled_cases(self) -> list[Planned]:
-        return draw(replace(self, sample=None), self.sample or 0, self.seed, _stratum, lambda planned: planned.name)
+        def stratum(planned: Planned) -> tuple[str, ...]:
+            scenario = planned.case.scenario
+            return scenario.place.name, f"{scenario.number} {scenario.orbit or scenario.label}", scenario.point
+
+        return draw(replace(self, sample=None), self.sample or 0, self.seed, stratum, lambda planned: planned.name)
 
     def selections(self, place: Junction) -> tuple[Selection, ...]:
         """Return the selected scenarios of a junction, also without room, and for a subject those without other vehicles."""
@@ -162,8 +162,3 @@ class Plan:
                 count += total if selection.roomy else sum(1 for _ in selection.fitting(unfit.append))
             self._counts[place.name] = count, LeftOut(len(unfit), str(unfit[0])) if unfit else None
         return self._counts[place.name]
-
-
-def _stratum(planned: Planned) -> tuple[str, ...]:
-    scenario = planned.case.scenario
-    return scenario.place.name, f"{scenario.number} {scenario.orbit or scenario.label}", scenario.point
