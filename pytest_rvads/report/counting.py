@@ -197,7 +197,7 @@ class Counts:
         self.seen[site, "pairs"].update(combinations(sorted({(agent.entrance, agent.exit) for agent in vehicles}), 2))
 
 
-def counted(report: Report) -> Counts:
+def counts_of(report: Report) -> Counts:
     """Return the counts of a report."""
     counts = Counts(report)
     for record in report.records:

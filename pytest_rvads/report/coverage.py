@@ -25,7 +25,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 from pytest_rvads.logic.outcome import Outcome
-from pytest_rvads.report.counting import EXERCISED, TICKS, UNSELECTED, Counts, Site, counted
+from pytest_rvads.report.counting import EXERCISED, TICKS, UNSELECTED, Counts, Site, counts_of
 from pytest_rvads.report.session_report import Move, Report
 from pytest_rvads.runs.measured import APART
 from pytest_rvads.support.wording import first, plural
@@ -78,7 +78,7 @@ def cell_coverage(counts: Counts) -> Coverage:
 
 def shortfall(report: Report, least: float) -> str:
     """Return a sentence if less than the share `least` of the planned cells [%] was exercised; an empty text if it is not."""
-    coverage = cell_coverage(counted(report))
+    coverage = cell_coverage(counts_of(report))
     if coverage.planned and 100 * coverage.exercised >= least * coverage.planned:
         return ""
     return f"coverage is below {least:g} %: {coverage}"
@@ -188,5 +188,5 @@ def _named(move: Move) -> str:
 
 def untested(report: Report, most: float) -> str:
     """Return a sentence if the largest untested gap between arrivals is longer than `most` [s]; an empty text if it is not."""
-    counts = counted(report)
+    counts = counts_of(report)
     return f"the largest untested gap is above {most:g} s: {arrivals_line(counts)}" if largest_gap(counts) > most else ""

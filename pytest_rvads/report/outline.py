@@ -180,7 +180,7 @@ class Figures(_Lines):
 
 @dataclass(frozen=True, slots=True)
 class Picture(_Lines):
-    """A picture that stands at the beginning of a page; other formats show its lines."""
+    """A picture on a page, between the head and the causes."""
 
     kind: ClassVar[str] = "picture"
     title: str = ""

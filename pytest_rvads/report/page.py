@@ -77,7 +77,7 @@ def rendered(
     with_items: bool = False,
     starts: str = "",
 ) -> str:
-    """Return an HTML page for a folder, which shows the beginning and the figures of an outline; scripts show `data`."""
+    """Return an HTML page for a folder: head, sections, pictures and figures of an outline; scripts show `data`."""
     more: dict[str, Any] = {
         "same": SAME,
         "long": LONG,

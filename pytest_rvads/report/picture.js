@@ -55,7 +55,10 @@ document.querySelectorAll("svg.map").forEach(view => {
     }
   });
   ["pointerup", "pointercancel"].forEach(kind => addEventListener(kind, event => fingers.delete(event.pointerId)));
-  view.addEventListener("click", event => { if (moved > least) event.preventDefault(); });
+  view.addEventListener("click", event => {
+    if (moved > least) event.preventDefault();
+    else if (event.target.closest("a.mark")?.getAttribute("href") === location.hash) choose();
+  });
   view.addEventListener("dragstart", event => event.preventDefault());
   view.addEventListener("keydown", event => {
     const step = at.width / 8, move = {ArrowLeft: [-step, 0], ArrowRight: [step, 0], ArrowUp: [0, -step], ArrowDown: [0, step]}[event.key];
@@ -74,8 +77,9 @@ document.querySelectorAll("svg.map").forEach(view => {
 function choose() {
   let name = "";
   try { name = decodeURIComponent(location.hash.slice(1)); } catch { name = ""; }
-  document.querySelectorAll("svg.map a.mark").forEach(mark => mark.classList.toggle("chosen", mark.dataset.name === name));
-  if (session.items.some(item => item.junction === name)) pick(item => item.junction === name);
+  const marks = [...document.querySelectorAll("svg.map a.mark")];
+  marks.forEach(mark => mark.classList.toggle("chosen", mark.dataset.name === name));
+  if (marks.some(mark => mark.dataset.name === name)) pick(item => item.junction === name);
 }
 addEventListener("hashchange", choose);
 choose();

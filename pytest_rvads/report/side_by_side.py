@@ -98,7 +98,7 @@ def side_by_side(reports: Sequence[tuple[str, Report]], labels: Sequence[str] = 
                 f"{first_name} ({items[0]}) and {name} ({items[1]}) have no item in common, and items are matched by their ids: "
                 "compare sessions of the same tests"
             )
-    labels = labels or [chr(ord("A") + number) for number in range(len(reports))]
+    labels = labels or [chr(ord("A") + n) if n < 26 else f"R{n + 1}" for n in range(len(reports))]
     sides = []
     for label, (name, report) in zip(labels, reports, strict=True):
         head = next((tuple(block.plain()) for block in outline(report) if isinstance(block, Head)), ())

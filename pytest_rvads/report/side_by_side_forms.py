@@ -55,11 +55,7 @@ def save(path: Path, sessions: SideBySide) -> None:
 
 
 def sections(compared: SideBySide, most: int | None = None, again: Again = lambda cause: cause.example) -> Iterator[Section]:
-    """Yield the sections (parts) of a comparison in order; empty sections are left out.
-
-    Args:
-        again: returns the command that runs the example of a cause again.
-    """
+    """Yield the sections of a comparison in order; `again` returns the command that runs the example of a cause again."""
     two = len(compared.sides) == 2
     for side in compared.sides:
         title = side.name if side.label == side.name else f"{side.label}: {side.name}"

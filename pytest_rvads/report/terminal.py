@@ -65,21 +65,13 @@ class Summary:
 def summary(
     report: Report, *, colour: bool, width: int, unicode: bool, full: bool = False, more: str = "reports in files hold all"
 ) -> str:
-    """Return the summary of a report as text, without its notes, which callers print; the causes of failures come last.
-
-    Args:
-        width: the width of the terminal [characters].
-    """
+    """Return the summary of a report as text of a width [characters]; causes come last, and callers print the notes."""
     parts = summarise(report, colour=colour, width=width, unicode=unicode, full=full, more=more)
     return "\n".join([parts.verdicts + parts.causes, parts.last, ""]) if parts.last else parts.verdicts + parts.causes
 
 
 def summarise(report: Report, *, colour: bool, width: int, unicode: bool, full: bool, more: str, head: bool = True) -> Summary:
-    """Return the summary of a report as text in two parts: verdicts and causes.
-
-    Args:
-        width: the width of the terminal [characters].
-    """
+    """Return the summary of a report as text of a width [characters] in two parts: verdicts and causes."""
     verdicts, causes = (_Screen(colour, max(width, _NARROWEST), unicode, full, more) for _ in range(2))
     tables: list[RollUp | Verdicts] = []
     later_blocks: list[Block] = []

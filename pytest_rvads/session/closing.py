@@ -5,6 +5,7 @@ Pytest's list of failures stays as it is. The text of a failure becomes one line
 
 from __future__ import annotations
 
+import re
 import shutil
 import sys
 from collections.abc import Generator
@@ -17,6 +18,9 @@ from pytest_rvads.support.wording import encode_all, named_error, printable
 
 if TYPE_CHECKING:
     from pytest_rvads.report.terminal import Summary
+
+_OWN = re.compile(r"rvads( |$)|Captured \w+ of the run$")
+"""Titles of the plugin's own sections."""
 
 
 class Closing:
@@ -35,12 +39,12 @@ class Closing:
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Leave one line of the text of a failure that an earlier failure explains; captured output of the test stays."""
         signature, text = report.__dict__.pop("rvads_short", (None, ""))
-        if signature is None or not self._abridges:
+        if signature is None or not self._abridges or not report.failed:  # a failure that is repeated is no failure
             return
         first = self._explained.setdefault(signature, report.nodeid)
         if first != report.nodeid and not isinstance(report.longrepr, str):  # pytest's text of a strict xfail is one line
             report.longrepr = f"{text}; see {first}"
-            report.sections = [part for part in report.sections if not (part[0].startswith("rvads") or " of the run" in part[0])]
+            report.sections = [part for part in report.sections if not _OWN.match(part[0])]
 
     @pytest.hookimpl(wrapper=True, tryfirst=True)
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> Generator[None, object, object]:

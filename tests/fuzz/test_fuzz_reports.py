@@ -218,17 +218,25 @@ def svg(text: str) -> set[tuple[str, tuple[str, ...]]]:
 
 
 def pictures(text: str) -> tuple[str, ...]:
-    """Pictures of an instant, a map and classes, and a replay, with a text wherever there is one."""
+    """Pictures of an instant, a map and classes, and a replay, with a text wherever there is one; no line of notes is a table."""
     agents = tuple(replace(agent, name=f"{text}{agent.name}") for agent in run().agents)
     one = replace(run(), label=text, agents=agents, collisions=None, fault=Fault(1.0, "a0", text))
     road_map = read_map(path_of("stop4"))
+    notes = re.sub("^ +", "", text, flags=re.MULTILINE)
     reports = tuple(replace(junction, id=text) for junction in road_map.junctions)
     unusable = tuple(replace(junction, reason=text) for junction in reports)
     return (
         picture(one, 50, text, {agents[0].name}),
         draw_map(replace(road_map, path=text, junctions=(*reports, *unusable))),
         draw_classes(4, text, [(text, [(1, 1, 3, 3)])]),
-        replay(one, text, text, [(0.5, text)], [Track(text, ((0, "watching"), (50, "due")))], {agents[1].name}),
+        replay(
+            one,
+            text,
+            notes,
+            [(0.5, text)],
+            [Track(text, ((0, "watching"), (50, "due")))],
+            {agents[1].name},
+        ),
     )
 
 

@@ -19,7 +19,7 @@ from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.conduct.kpis import arrival_differences, kpis
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
-from pytest_rvads.report.counting import Counts, counted
+from pytest_rvads.report.counting import Counts, counts_of
 from pytest_rvads.report.coverage import SIMULTANEOUS, Tried, arrivals_line, pairs_tried, untested
 from pytest_rvads.report.outline import Figures, outline
 from pytest_rvads.report.page import page
@@ -67,7 +67,7 @@ def record(run: Run, number: int = 0, status: str = "PASS", **more: Any) -> Reco
 
 
 def coverage(*records: Record) -> Counts:
-    return counted(Report(records))
+    return counts_of(Report(records))
 
 
 def counts(arrivals: Counts) -> dict[tuple[str, str], dict[int, int]]:

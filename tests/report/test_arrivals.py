@@ -4,7 +4,7 @@ import pytest
 from msgspec import structs
 
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
-from pytest_rvads.report.counting import counted
+from pytest_rvads.report.counting import counts_of
 from pytest_rvads.report.record import Record, conclude, planned_record
 from pytest_rvads.report.rollup import junction_lines
 from pytest_rvads.report.session_report import Report
@@ -22,7 +22,7 @@ def run(number: int, subject: str | None, pet: float | None, **arrivals: float |
 
 
 def told(*records: Record) -> list[str]:
-    counts = counted(Report(records))
+    counts = counts_of(Report(records))
     (site,) = counts.first
     return list(junction_lines(counts, site))[1:]
 

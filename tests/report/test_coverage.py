@@ -11,7 +11,7 @@ from msgspec import structs
 from pytest_rvads.cli.report_commands import merge
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.outcome import Outcome
-from pytest_rvads.report.counting import counted
+from pytest_rvads.report.counting import counts_of
 from pytest_rvads.report.coverage import Coverage, cell_coverage, dropped, shortfall
 from pytest_rvads.report.record import AgentRecord, Record, conclude, planned_record
 from pytest_rvads.report.rollup import junction_lines
@@ -22,12 +22,12 @@ from pytest_rvads.support.errors import RvadsError
 def at_junctions(
     records: Iterable[Record], totals: dict[int, tuple[int, int]], extents: dict[str, Extent] | None = None
 ) -> list[str]:
-    counts = counted(Report(tuple(records), totals, extents=extents or {}))
+    counts = counts_of(Report(tuple(records), totals, extents=extents or {}))
     return [next(junction_lines(counts, site)) for site in counts.first]
 
 
 def measure(report: Report) -> Coverage:
-    return cell_coverage(counted(report))
+    return cell_coverage(counts_of(report))
 
 
 def record(cls: int, rule: str, status: str, *, row: int = 0, hash: str = "aa") -> Record:

@@ -18,7 +18,7 @@ from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.logic.rules.book import rulebook
 from pytest_rvads.report import triage
-from pytest_rvads.report.counting import counted
+from pytest_rvads.report.counting import counts_of
 from pytest_rvads.report.figures import figures
 from pytest_rvads.report.files import load, save, table
 from pytest_rvads.report.markdown import markdown
@@ -52,12 +52,12 @@ def causes(records: Iterable[Record]) -> list[Cause]:
 
 
 def at_junctions(records: Iterable[Record], totals: dict[int, tuple[int, int]]) -> list[str]:
-    counts = counted(Report(tuple(records), totals))
+    counts = counts_of(Report(tuple(records), totals))
     return [next(junction_lines(counts, site)) for site in counts.first]
 
 
 def extremes(records: Iterable[Record]) -> list[str]:
-    return [line for line in figures(counted(Report(tuple(records))), short=False) if line.startswith(("nearest: ", "most: "))]
+    return [line for line in figures(counts_of(Report(tuple(records))), short=False) if line.startswith(("nearest: ", "most: "))]
 
 
 def record(

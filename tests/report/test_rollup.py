@@ -17,7 +17,7 @@ from msgspec.structs import replace
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report import matrix, triage
-from pytest_rvads.report.counting import counted
+from pytest_rvads.report.counting import counts_of
 from pytest_rvads.report.coverage import cell_coverage
 from pytest_rvads.report.files import FORMATS, load
 from pytest_rvads.report.markdown import markdown
@@ -427,7 +427,7 @@ def test_causes_and_coverage_do_not_depend_on_what_comes_between_the_records_of_
         {"p0", "p1", "p2"},
         {one.nodeid for one in records if one.failed},
     )
-    assert str(cell_coverage(counted(Report(tuple(records))))) == "12/12 cells exercised (100.0 %)"
+    assert str(cell_coverage(counts_of(Report(tuple(records))))) == "12/12 cells exercised (100.0 %)"
 
 
 def test_stack_with_several_vehicles_counts_one_run() -> None:

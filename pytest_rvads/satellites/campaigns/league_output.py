@@ -18,7 +18,7 @@ from pytest_rvads.cli.shared_options import opened_driver
 from pytest_rvads.drivers.interface import Factory
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.logic.rules.book import rules_for
-from pytest_rvads.report.counting import counted
+from pytest_rvads.report.counting import counts_of
 from pytest_rvads.report.coverage import largest_gap
 from pytest_rvads.report.figures import total
 from pytest_rvads.report.outline import Block, Notes, Section
@@ -26,6 +26,7 @@ from pytest_rvads.report.page import rendered
 from pytest_rvads.report.session_report import Report, exit_status
 from pytest_rvads.report.side_by_side import side_by_side
 from pytest_rvads.report.side_by_side_forms import json_of, sections
+from pytest_rvads.report.triage import causes
 from pytest_rvads.satellites.campaigns.campaign import continued, digest, reopened
 from pytest_rvads.satellites.campaigns.league import Config, League, about
 from pytest_rvads.satellites.campaigns.replays import INTERRUPTED, Replays, draw_replays
@@ -73,7 +74,7 @@ class Standing(NamedTuple):
 
     def row(self) -> dict[str, Any]:
         """Return figures on the runs of the driver, by name."""
-        counts = counted(self.report)
+        counts = counts_of(self.report)
         seconds = {record.run: record.duration or 0.0 for record in self.report.records}
         verdicts: dict[str, Counter[str]] = {}
         for (_, rule, outcome), count in counts.verdicts.items():
@@ -111,13 +112,14 @@ def judge_league(path: Path, folder: Path, executor: Executor | int | None) -> i
             standings.append(_judged(league, name, simulator, folder, None if stopped else executor, opened_results))
             report, faults = standings[-1].report, Counter(side.fault for side in standings[-1].sides if side.fault)
             critical = [f"{count} {fault} at critical starts" for fault, count in faults.items()]
-            say("; ".join([f"{name}: {total(counted(report))}", *critical, *report.notes]))
+            say("; ".join([f"{name}: {total(counts_of(report))}", *critical, *report.notes]))
         _write(league, standings, folder)
     say(f"look: {folder / 'league.html'}")
     wanted = 2 * len(league.lines)
     complete = all(standing.report.complete and len(standing.sides) == wanted for standing in standings)
     statuses = {side.status for standing in standings for side in standing.sides}
-    statuses |= {Outcome.FAIL if standing.report.exitstatus == 1 else Outcome.PASS for standing in standings}
+    outcome_of = {0: Outcome.PASS, 1: Outcome.FAIL}
+    statuses |= {outcome_of.get(standing.report.exitstatus, Outcome.NA) for standing in standings}
     return exit_status(statuses, complete=complete)
 
 
@@ -159,7 +161,7 @@ def _judged(
                 folder / key,
                 executor,
                 simulator,
-                f"replays of {name}",
+                (causes,),
             )
     outcomes = results.outcomes | ({Outcome.FLAKY} if replays.flaky else set())
     complete = len(results) == len(cases) and INTERRUPTED not in (*notes, *replays.notes)

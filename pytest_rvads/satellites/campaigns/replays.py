@@ -25,7 +25,7 @@ from pytest_rvads.support.executors.teams import Failed
 from pytest_rvads.support.storage import slug, write_file
 
 MOST = 100
-"""Largest number of runs whose replay pages are drawn; a page has some 100 KB, and nobody looks at more pages."""
+"""Largest number of causes whose replay pages are drawn; a page has some 100 KB, and nobody looks at more pages."""
 INTERRUPTED = "INCOMPLETE: interrupted"
 """Note on results that end with an interruption by Ctrl-C or a signal."""
 _OTHERWISE = "the same start gave another run when it was simulated again, so its verdicts mean little"
@@ -42,11 +42,11 @@ class Replays(NamedTuple):
     """Sentences on replay pages that could not be drawn, with the reasons."""
 
 
-def examples(records: Collection[Record]) -> list[Record]:
-    """Return the first record with a run of every cause: of the gravest cause of every junction, then of the second gravest."""
-    groups: dict[str, tuple[ByText, ...]] = {}
+def examples(records: Collection[Record], kinds: Sequence[Callable[[], ByText]]) -> list[Record]:
+    """Return the first record of every cause, if it has a run: of the gravest cause of every junction first."""
+    groups: dict[str, list[ByText]] = {}
     for record in records:
-        for group in groups.get(record.junction) or groups.setdefault(record.junction, (causes(), provoked(), unavoidable())):
+        for group in groups.get(record.junction) or groups.setdefault(record.junction, [kind() for kind in kinds]):
             group.add(record)
     by_junction = [[cause.example for group in found for cause in group.causes()] for found in groups.values()]
     ids = dict.fromkeys(id for turn in zip_longest(*by_junction) for id in turn if id)
@@ -62,27 +62,27 @@ def draw_replays(
     folder: Path,
     executor: Executor | int | None,
     simulator: Simulator,
-    what: str,
+    kinds: Sequence[Callable[[], ByText]] = (causes, provoked, unavoidable),
 ) -> Replays:
-    """Simulate the example run of every cause of failures again, and write replay pages of its violations."""
-    chosen = examples(records)
+    """Simulate the example run of every cause of the given kinds again, and write replay pages of its violations."""
     asked: dict[str, list[Record]] = {}
-    for record in chosen[:MOST]:
-        asked.setdefault(record.run or "", []).append(record)
-    cases = case_of(asked)
-    names = sorted(cases)
-    jobs = []
-    for name in names:
-        wanted = {record.asks for record in asked[name]}
-        own_rules = tuple(rule for rule in rules_for(rules, cases[name].scenario.place) if rule.name in wanted)
-        jobs.append((cases[name], own_rules, again(name)))
     looks: dict[str, str] = {}
     flaky: dict[str, Divergence] = {}
+    chosen, jobs = list[Record](), list[tuple[Case, Sequence[Rule], str]]()
     troubles, notes = list[str](), list[str]()
     try:
+        chosen = examples(records, kinds)
+        for record in chosen[:MOST]:
+            asked.setdefault(record.run or "", []).append(record)
+        cases = case_of(asked)
+        names = sorted(cases)
+        for name in names:
+            wanted = {record.asks for record in asked[name]}
+            own_rules = tuple(rule for rule in rules_for(rules, cases[name].scenario.place) if rule.name in wanted)
+            jobs.append((cases[name], own_rules, again(name)))
         for finished, (number, answer) in enumerate(gathered(partial(_draw, simulator), jobs, executor, batch=1), start=1):
             name = names[number]
-            progress(finished, len(jobs), what)
+            progress(finished, len(jobs), "replays")
             if isinstance(answer, Failed):
                 troubles.append(f"{name}: {sentence(answer.error)}")
                 continue

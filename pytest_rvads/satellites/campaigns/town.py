@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -12,6 +12,7 @@ from pytest_rvads.geometry.choosing import Choice, choose_among
 from pytest_rvads.geometry.finder import load, name_of
 from pytest_rvads.logic.outcome import Outcome, Tallied
 from pytest_rvads.report.outline import Picture
+from pytest_rvads.report.record import Record
 from pytest_rvads.report.session_report import Drawn, Report, exit_status
 from pytest_rvads.satellites.campaigns.replays import INTERRUPTED, Replays
 from pytest_rvads.satellites.campaigns.resultsfile import Results
@@ -70,13 +71,14 @@ class Town:
         """Return, by name of the run, the case of each of the named runs."""
         return {planned.name: planned.case for planned in self.plan if planned.name in names}
 
-    def pictures(self, results: Results) -> list[Picture]:
+    def pictures(self, results: Results, records: Iterable[Record]) -> list[Picture]:
         """Return the pictures of the maps with the requested junctions, also the refused ones."""
         verdicts: dict[str, Counter[Tallied]] = {}
         runs: Counter[str] = Counter()
         for result in results:
             runs[result.junction] += 1
-            verdicts.setdefault(result.junction, Counter()).update(verdict.outcome for verdict in result.verdicts)
+        for record in records:
+            verdicts.setdefault(record.junction, Counter())[record.counts_as] += 1
         usable = {(str(place.map), place.id): place for place in self.choice.junctions}
         refused = {(str(refusal.map), refusal.junction): refusal.reason for refusal in self.choice.refused}
         pictures = []

@@ -197,11 +197,10 @@ def _judge_town(
                 folder,
                 executor,
                 simulator,
-                "replays",
             )
         report = town.report(results, replays, again, cut)
         title = f"rvads town: {', '.join(map.stem for map in town.maps)}"
-        write(folder / "town.html", page(report, folder, title, town.pictures(results)))
+        write(folder / "town.html", page(report, folder, title, town.pictures(results, report.records)))
         save(folder / "town.json", report)
         show(report)
         for note in report.notes:

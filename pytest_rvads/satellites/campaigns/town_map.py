@@ -58,10 +58,10 @@ class Site(NamedTuple):
 
     @property
     def mark(self) -> Mark:
-        """The worst mark of the verdicts; a junction of which results are missing is never ``good``."""
+        """The worst mark of the verdicts; a junction of which results are missing is never ``good`` or ``none``."""
         marks = {outcome.mark for outcome in self.verdicts if outcome}
         worst: Mark = next((mark for mark in MARKS if mark in marks), "none")
-        return "doubt" if worst == "good" and self.incomplete else worst
+        return "doubt" if worst in ("good", "none") and self.incomplete else worst
 
 
 def town_picture(title: str, road_map: RoadMap, sites: Iterable[Site]) -> Picture:

@@ -163,6 +163,12 @@ def test_two_drivers_are_judged_on_the_same_cells(
     assert (folder / "out" / "league.html").read_bytes() == page_before
 
 
+def test_league_in_which_no_rule_applies_judged_nothing() -> None:
+    status, league = judged(f'{CELLS}rules = ["red"]\n[drivers]\nreference = {{ autopilot = "reference" }}\n')
+    assert status == 5
+    assert league["drivers"][0]["verdicts"] in ({}, {"red": {"NA": 3}})
+
+
 def test_driver_that_raises_costs_only_its_own_cells() -> None:
     status, league = judged(TWO.replace("rolling_stop", "league_pilots:Raising"))
     reference, raising = league["drivers"]
