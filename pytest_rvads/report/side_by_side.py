@@ -112,7 +112,7 @@ def side_by_side(reports: Sequence[tuple[str, Report]], labels: Sequence[str] = 
     if len(reports) == 2:
         planned = set(later.planned)
         lost = {record.nodeid for record in earlier.records if cell_of(record) not in planned}
-        comparison = compare(later, earlier, "A", lost.__contains__, same=False)
+        comparison = compare(later, earlier, labels[0], lost.__contains__, same=False)
         matrices = _merged_matrices(earlier, later)
         later = with_baseline(later, comparison)
     causes = _shared_causes([report for _, report in reports], labels)

@@ -100,7 +100,8 @@ def _change_sections(sessions: SideBySide, most: int | None) -> Iterator[Section
         dated = any(line.startswith("began ") for line in a.head)
         once = "; they are reports of one session" if dated and a.head == b.head else ""
         what_changed = f"no verdict of the {plural(sessions.common, 'item')} that both have differs{more}{once}"
-    yield Section("what changed from A to B", (what_changed,))
+    one, other = (side.label for side in sessions.sides)
+    yield Section(f"what changed from {one} to {other}", (what_changed,))
     yield from _matrix_sections(sessions, most)
     for kind, listed in groupby(changes.listed(most), itemgetter(0)):
         yield Section(f"{kind}: {plural(changes.count(kind), 'item')}", tuple(text for _, text in listed))

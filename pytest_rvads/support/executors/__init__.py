@@ -129,5 +129,6 @@ def _completed(team: Team, parts: Iterator[Part]) -> Iterator[tuple[Part, list[A
                 answers = list(map(team.alone, part.jobs))
             yield part, answers
     finally:
-        for future in flying:
-            future.cancel()
+        if isinstance(team, Foreign):  # our own pool ends its jobs itself, and may fail at a cancelled one
+            for future in flying:
+                future.cancel()
