@@ -15,6 +15,7 @@ from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.runs.run import Run
 from pytest_rvads.scenarios.ids import from_id
 from pytest_rvads.search.trials import Setting
+from pytest_rvads.simulators.loop import usual
 
 from ..synthetic_starts import Answer, judged_by
 from .conftest import Lines
@@ -183,7 +184,7 @@ def test_item_leaves_a_record_with_the_arrivals_of_all_simulated_starts(
     (record,) = report["records"]
     assert (record["type"], record["status"], record["outcome"] == "failed") == ("simulated", status, status == "FAIL")
     assert (record["junction"], record["seat"], record["traffic"], record["cfg"]) == ("stop4", 0, "reference", cfg)
-    assert (record["driver"], record["simulator"]) == ("pytest_rvads.drivers.reference.Reference", "bullet")
+    assert (record["driver"], record["simulator"]) == ("pytest_rvads.drivers.reference.Reference", usual().name)
     shown = from_id(record["run"])
     assert (shown.subject, shown.directions) == (0, (1, 0, 3, 0))
     assert {verdict["rule"] for verdict in record["verdicts"]} == set(answer(0)[1])

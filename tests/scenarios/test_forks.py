@@ -126,6 +126,7 @@ def refusal(scenario: Scenario) -> str:
 
 
 def test_starts_on_approaches_that_converge_are_refused_where_bodies_touch_in_an_engine() -> None:
+    pytest.importorskip("pybullet")
     assert (forks(MERGE), near(MERGE)) == ((), {(0, 1)})
     vehicle, refused = Vehicle(), []
     for distances in product(np.arange(0.0, 50.0, 4.0), repeat=2):
