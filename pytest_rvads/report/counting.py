@@ -35,8 +35,7 @@ class Site(NamedTuple):
         return f"{self.junction} as recorded" if self.recorded else self.junction
 
 
-Pick = Callable[..., Any]
-EXTREMES: tuple[tuple[str, tuple[tuple[str, str, Pick, str], ...]], ...] = (
+EXTREMES: tuple[tuple[str, tuple[tuple[str, str, Callable[..., Any], str], ...]], ...] = (
     ("nearest", (("time to collision", "ttc", min, "s"), ("post-encroachment time", "pet", min, "s"))),
     ("most", (("braking", "deceleration", max, "m/s^2"), ("waiting", "waiting", max, "s"), ("delay", "delay", max, "s"))),
 )

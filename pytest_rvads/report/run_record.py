@@ -39,7 +39,7 @@ def took_part(run: Run) -> tuple[AgentRecord, ...]:
 
 
 def kept_run(folder: Path, record: Record) -> Path:
-    """Return the path of the file in which `folder` keeps the run of a test item; it is named as the item without its rule."""
+    """Return the path of the file in which `folder` keeps a run: the id of the test item without the rule."""
     before, run, after = record.nodeid.partition(record.run or record.nodeid)
     if record.rule:
         after = after.replace(f"-{record.rule}", "", 1)

@@ -148,7 +148,7 @@ class Report:
 
     records: Collection[Record]
     """A record per selected item, in the order of the tests; an item that did not run has the status NOT RUN. The records of a
-    session lie in memory; those of a campaign are read from disk in each pass, so readers pass as seldom as they can."""
+    session lie in memory. The records of a campaign are read from disk in each pass, so a reader makes few passes."""
     totals: dict[int, tuple[int, int]] = field(default_factory=dict)
     """By number of arms, the number of classes and the number of full scenarios (a vehicle at every arm)."""
     planned: tuple[Cell, ...] = ()

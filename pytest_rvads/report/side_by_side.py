@@ -32,6 +32,8 @@ class Side:
     """A letter, or the name of a driver."""
     name: str
     """The file of the report, or the name of a driver."""
+    began: str
+    """Date and time at which the session began; empty if they are not known."""
     head: tuple[str, ...]
     """Lines on the time, command and driver of the session, its totals, and its end."""
     notes: tuple[str, ...]
@@ -102,7 +104,7 @@ def side_by_side(reports: Sequence[tuple[str, Report]], labels: Sequence[str] = 
     sides = []
     for label, (name, report) in zip(labels, reports, strict=True):
         head = next((tuple(block.plain()) for block in outline(report) if isinstance(block, Head)), ())
-        sides.append(Side(label, name, head, report.notes))
+        sides.append(Side(label, name, report.began, head, report.notes))
     rules: dict[str, tuple[Counter[Tallied], ...]] = {}
     for number, (_, report) in enumerate(reports):
         for record in report.records:
@@ -143,9 +145,7 @@ def _standing(record: Record) -> tuple[Place, Outcome, str]:
 
 
 def _shared_causes(reports: Sequence[Report], labels: Sequence[str]) -> tuple[Shared, ...]:
-    """Return the causes of failures: of two reports, first those of the later, then those of the earlier, then shared ones.
-
-    Of more reports, the causes with most failures come first.
+    """Return the causes of failures: of two reports the later's, the earlier's, the shared ones; of more by frequency.
 
     Causes with equal texts are the same cause. Among all other causes, causes whose texts differ only in numbers are the same.
     """

@@ -1,4 +1,4 @@
-"""Writes the comparison of two sessions for a terminal, as a page, Markdown or JSON; other formats show the later session."""
+"""Writes a comparison of reports for a terminal, as a page, Markdown or JSON; other formats show the last report."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict, replace
 from functools import partial
 from itertools import groupby
-from operator import itemgetter
+from operator import attrgetter, itemgetter
 from pathlib import Path
 from textwrap import wrap
 from typing import Any
@@ -23,38 +23,38 @@ from pytest_rvads.report.side_by_side import Shared, SideBySide, changed, differ
 from pytest_rvads.support.decoding import encode
 from pytest_rvads.support.wording import first, one_line, plural
 
-TITLE = "rvads: sessions side by side"
-Again = Callable[[Shared], str]
+_TITLE = "rvads: sessions side by side"
+_Again = Callable[[Shared], str]
 _MOST = 10
 """Largest number of lines of a section, and of tables, that a terminal shows; further lines and tables are counted."""
 _LINE = 2000
 """Largest number of characters of a line on a terminal."""
 
 
-def text(sessions: SideBySide, width: int) -> str:
-    """Return the comparison of two sessions as text for a terminal of `width` columns; only a longer word makes a line wider."""
+def text(compared: SideBySide, width: int) -> str:
+    """Return a comparison as text for a terminal of `width` columns; only a longer word makes a line wider."""
     wrapped = partial(wrap, width=width, break_long_words=False, break_on_hyphens=False)
-    lines = []
-    for part in sections(sessions, _MOST):
+    lines, parts = list[str](), list(sections(compared, _MOST))
+    for part in parts:
         lines += wrapped(one_line(part.title, _LINE))
         for line in part.lines:
             lines += wrapped(one_line(line, _LINE), initial_indent="  ", subsequent_indent="      ")
         lines.append("")
-    if any("... and " in line for line in lines):
+    if parts != list(sections(compared)):
         lines += wrapped("what is left out here stands in files: -o FILE.html, FILE.md or FILE.json")
     return "\n".join(lines)
 
 
-def save(path: Path, sessions: SideBySide) -> None:
-    """Write the comparison of two sessions in the format that the suffix of `path` names.
+def save(path: Path, compared: SideBySide) -> None:
+    """Write a comparison in the format that the suffix of `path` names.
 
-    A format with a row or case per item, which can't show two sessions, shows the later session and the changes.
+    A format with a row or case per item shows the last report, with its changes if there are two reports.
     """
     form = _FORMATS.get(fitting(path).suffix)
-    write(path, form(sessions, path.parent) if form else FORMATS[path.suffix](sessions.later, path.parent))
+    write(path, form(compared, path.parent) if form else FORMATS[path.suffix](compared.later, path.parent))
 
 
-def sections(compared: SideBySide, most: int | None = None, again: Again = lambda cause: cause.example) -> Iterator[Section]:
+def sections(compared: SideBySide, most: int | None = None, again: _Again = attrgetter("example")) -> Iterator[Section]:
     """Yield the sections of a comparison in order; `again` returns the command that runs the example of a cause again."""
     two = len(compared.sides) == 2
     for side in compared.sides:
@@ -87,32 +87,30 @@ def sections(compared: SideBySide, most: int | None = None, again: Again = lambd
         yield Section("causes of failures", tuple(_cut(cause_lines, most)), columns, tuple(cause_rows))
 
 
-def _change_sections(sessions: SideBySide, most: int | None) -> Iterator[Section]:
+def _change_sections(compared: SideBySide, most: int | None) -> Iterator[Section]:
     """Yield the sections about what changed from one session to another."""
-    if sessions.comparison.versions:
-        yield Section("versions that differ", sessions.comparison.versions)
-    changes = replace(sessions.comparison, versions=())
+    if compared.comparison.versions:
+        yield Section("versions that differ", compared.comparison.versions)
+    changes = replace(compared.comparison, versions=())
     what_changed = changes.headline
-    if not sessions.differ:
-        a, b = sessions.sides
+    a, b = compared.sides
+    if not compared.differ:
         absent = changes.count("OUTSIDE")
         more = f"; {plural(absent, 'item')} of A not selected in B" if absent else ""
-        dated = any(line.startswith("began ") for line in a.head)
-        once = "; they are reports of one session" if dated and a.head == b.head else ""
-        what_changed = f"no verdict of the {plural(sessions.common, 'item')} that both have differs{more}{once}"
-    one, other = (side.label for side in sessions.sides)
-    yield Section(f"what changed from {one} to {other}", (what_changed,))
-    yield from _matrix_sections(sessions, most)
+        once = "; they are reports of one session" if a.began and a.head == b.head else ""
+        what_changed = f"no verdict of the {plural(compared.common, 'item')} that both have differs{more}{once}"
+    yield Section(f"what changed from {a.label} to {b.label}", (what_changed,))
+    yield from _matrix_sections(compared, most)
     for kind, listed in groupby(changes.listed(most), itemgetter(0)):
         yield Section(f"{kind}: {plural(changes.count(kind), 'item')}", tuple(text for _, text in listed))
 
 
-def _matrix_sections(sessions: SideBySide, most: int | None) -> Iterator[Section]:
+def _matrix_sections(compared: SideBySide, most: int | None) -> Iterator[Section]:
     """Yield a section per verdict matrix with differing cells, with the rows and columns that contain these cells."""
-    if sessions.matrices is None:
+    if compared.matrices is None:
         yield Section("verdicts", ("too many for tables: the changes name the items",))
         return
-    differing_matrices = [matrix for matrix in sessions.matrices if differing(matrix)]
+    differing_matrices = [matrix for matrix in compared.matrices if differing(matrix)]
     for matrix in differing_matrices[:most]:
         columns = [i for i in range(len(matrix.columns)) if any(changed(entries[i]) for _, entries in matrix.rows)]
         rows = [i for i, (_, entries) in enumerate(matrix.rows) if any(map(changed, entries))]
@@ -159,9 +157,9 @@ def _cut(lines: list[str], most: int | None) -> list[str]:
     return lines if more <= 0 else [*lines[:most], f"... and {more} more"]
 
 
-def _markdown(sessions: SideBySide) -> str:
-    lines = [f"# {TITLE}"]
-    for part in sections(sessions):
+def _markdown(compared: SideBySide) -> str:
+    lines = [f"# {_TITLE}"]
+    for part in sections(compared):
         lines += ["", *section(part)]
     return "\n".join(lines) + "\n"
 
@@ -198,7 +196,7 @@ def json_of(values: dict[str, Any]) -> str:
 
 
 _FORMATS: dict[str, Callable[[SideBySide, Path], str]] = {
-    ".html": lambda compared, folder: rendered(TITLE, list(sections(compared)), {}, folder),
+    ".html": lambda compared, folder: rendered(_TITLE, list(sections(compared)), {}, folder),
     ".md": lambda compared, _: _markdown(compared),
     ".json": lambda compared, _: json_of(content(compared)),
 }

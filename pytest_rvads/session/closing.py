@@ -19,8 +19,7 @@ from pytest_rvads.support.wording import encode_all, named_error, printable
 if TYPE_CHECKING:
     from pytest_rvads.report.terminal import Summary
 
-_OWN = re.compile(r"rvads( |$)|Captured \w+ of the run$")
-"""Titles of the plugin's own sections."""
+_OWN_SECTION = re.compile(r"rvads( |$)|Captured \w+ of the run$")
 
 
 class Closing:
@@ -39,12 +38,12 @@ class Closing:
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Leave one line of the text of a failure that an earlier failure explains; captured output of the test stays."""
         signature, text = report.__dict__.pop("rvads_short", (None, ""))
-        if signature is None or not self._abridges or not report.failed:  # a failure that is repeated is no failure
+        if signature is None or not self._abridges or not report.failed:  # pytest-rerunfailures shows no text of a repeated item
             return
         first = self._explained.setdefault(signature, report.nodeid)
         if first != report.nodeid and not isinstance(report.longrepr, str):  # pytest's text of a strict xfail is one line
             report.longrepr = f"{text}; see {first}"
-            report.sections = [part for part in report.sections if not _OWN.match(part[0])]
+            report.sections = [part for part in report.sections if not _OWN_SECTION.match(part[0])]
 
     @pytest.hookimpl(wrapper=True, tryfirst=True)
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> Generator[None, object, object]:

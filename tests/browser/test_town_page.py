@@ -15,7 +15,7 @@ from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.page import page
 from pytest_rvads.report.record import Record, conclude, planned_record
 from pytest_rvads.report.session_report import Report
-from pytest_rvads.satellites.campaigns.town_map import Site, town_picture
+from pytest_rvads.satellites.campaigns.town_map import MarkedJunction, town_picture
 
 Chrome = Any  # of selenium.webdriver, which not everybody has
 HARM = "<img src=x onerror=alert(1)></script>"
@@ -24,11 +24,11 @@ ROADS = {number: SimpleNamespace(points=np.array(line), width=3.5) for number, l
 TOWN = cast(RoadMap, SimpleNamespace(graph=SimpleNamespace(edges=ROADS)))
 
 
-def site(id: str, x: float, y: float, *outcomes: Outcome, note: str = "", incomplete: bool = False) -> Site:
+def site(id: str, x: float, y: float, *outcomes: Outcome, note: str = "", incomplete: bool = False) -> MarkedJunction:
     """A junction with two arms around a place of the picture, where y points down."""
     arms = [SimpleNamespace(x=x - 10, y=-y), SimpleNamespace(x=x + 10, y=-y)]
     report = cast(Any, SimpleNamespace(id=id, arms=arms))
-    return Site(f"town.{id}", report, Counter(outcomes), incomplete, note)
+    return MarkedJunction(f"town.{id}", report, Counter(outcomes), incomplete, note)
 
 
 def record(junction: str, status: Status) -> Record:

@@ -18,7 +18,7 @@ from pytest_rvads.cli.shared_options import opened_driver
 from pytest_rvads.drivers.interface import Factory
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.logic.rules.book import rules_for
-from pytest_rvads.report.counting import counts_of
+from pytest_rvads.report.counting import Counts, counts_of
 from pytest_rvads.report.coverage import largest_gap
 from pytest_rvads.report.figures import total
 from pytest_rvads.report.outline import Block, Notes, Section
@@ -70,23 +70,23 @@ class Standing(NamedTuple):
 
     name: str
     report: Report
+    counts: Counts
     sides: list[Side]
 
     def row(self) -> dict[str, Any]:
         """Return figures on the runs of the driver, by name."""
-        counts = counts_of(self.report)
         seconds = {record.run: record.duration or 0.0 for record in self.report.records}
         verdicts: dict[str, Counter[str]] = {}
-        for (_, rule, outcome), count in counts.verdicts.items():
+        for (_, rule, outcome), count in self.counts.verdicts.items():
             verdicts.setdefault(rule, Counter())[str(outcome)] += count
         return {
             "name": self.name,
             "runs": len(seconds),
             "hours": round(sum(seconds.values()) / 3600, 3),
             "verdicts": verdicts,
-            "met": sum(map(len, counts.met.values())),
-            "pairs": sum(counts.pairs.values()),
-            "gap": largest_gap(counts),
+            "met": sum(map(len, self.counts.met.values())),
+            "pairs": sum(self.counts.pairs.values()),
+            "gap": largest_gap(self.counts),
             "sides": self.sides,
             "notes": self.report.notes,
         }
@@ -100,8 +100,7 @@ def judge_league(path: Path, folder: Path, executor: Executor | int | None) -> i
     for name, entry in config.drivers.items():  # a driver that can't be imported is an error before anything runs
         with about(f"{path}: drivers.{name}"), opened_driver(entry.words()):
             simulators[name] = named(entry.simulator, Path.cwd()) if entry.simulator else meant()
-    drawn = f"{plural(len(league.cells), 'cell')} and {plural(len(league.lines), 'line')} of starts"
-    warn(f"{plural(len(simulators), 'driver')}, each with {drawn}")
+    warn(f"{plural(len(simulators), 'driver')}, each with {_drawn(league)}")
     for reason in league.refused:
         warn(f"left out: {reason}")
     make_folder("-o", folder)
@@ -110,9 +109,10 @@ def judge_league(path: Path, folder: Path, executor: Executor | int | None) -> i
         for name, simulator in simulators.items():
             stopped = any(INTERRUPTED in standing.report.notes for standing in standings)
             standings.append(_judged(league, name, simulator, folder, None if stopped else executor, opened_results))
-            report, faults = standings[-1].report, Counter(side.fault for side in standings[-1].sides if side.fault)
+            standing = standings[-1]
+            faults = Counter(side.fault for side in standing.sides if side.fault)
             critical = [f"{count} {fault} at critical starts" for fault, count in faults.items()]
-            say("; ".join([f"{name}: {total(counts_of(report))}", *critical, *report.notes]))
+            say("; ".join([f"{name}: {total(standing.counts)}", *critical, *standing.report.notes]))
         _write(league, standings, folder)
     say(f"look: {folder / 'league.html'}")
     wanted = 2 * len(league.lines)
@@ -139,14 +139,15 @@ def _judged(
             shown = partial(progress, what=f"runs of {name}")
             results, stopped = continued(cases.values(), league.rules, file, simulator, executor, shown, len(cases))
         if stopped:
-            notes.append(INTERRUPTED if isinstance(stopped, KeyboardInterrupt) else f"INCOMPLETE: {stopped}")
+            notes.append(_cut(stopped))
             executor = None
         try:
             sides.extend(_sides(league, name, driver, simulator, folder / f"critical-{key}.json", executor))
         except (KeyboardInterrupt, RvadsError, OSError) as error:
-            notes.append(INTERRUPTED if isinstance(error, KeyboardInterrupt) else f"INCOMPLETE: {error}")
+            notes.append(_cut(error))
         if results is None:
-            return Standing(name, Report((), notes=tuple(notes), complete=False), sides)
+            report = Report((), notes=tuple(notes), complete=False)
+            return Standing(name, report, counts_of(report), sides)
         opened_results.enter_context(results)
         stranger = next((result.nodeid for result in results if result.nodeid not in cases), None)
         if stranger is not None:
@@ -172,7 +173,15 @@ def _judged(
         exitstatus=exit_status(outcomes),
         complete=complete,
     )
-    return Standing(name, report, sides)
+    return Standing(name, report, counts_of(report), sides)
+
+
+def _cut(error: BaseException) -> str:
+    return INTERRUPTED if isinstance(error, KeyboardInterrupt) else f"INCOMPLETE: {error}"
+
+
+def _drawn(league: League) -> str:
+    return f"{plural(len(league.cells), 'cell')} and {plural(len(league.lines), 'line')} of starts"
 
 
 def _sides(
@@ -230,7 +239,7 @@ def _write(league: League, standings: Sequence[Standing], folder: Path) -> None:
     rows = [standing.row() for standing in standings]
     parts = list(sections(compared, again=lambda cause: league.again(names[cause.side], cause.run))) if compared else []
     parts += figure_sections(rows)
-    drawn = f"{plural(len(league.cells), 'cell')} and {plural(len(league.lines), 'line')} of starts for every driver"
+    drawn = f"{_drawn(league)} for every driver"
     where = f"at {', '.join(place.name for place in league.places)}, among {' and '.join(league.config.traffic)} traffic"
     notes = tuple(f"{standing.name}: {note}" for standing in standings for note in standing.report.notes)
     blocks: list[Block] = [

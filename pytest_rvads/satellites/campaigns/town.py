@@ -16,7 +16,7 @@ from pytest_rvads.report.record import Record
 from pytest_rvads.report.session_report import Drawn, Report, exit_status
 from pytest_rvads.satellites.campaigns.replays import INTERRUPTED, Replays
 from pytest_rvads.satellites.campaigns.resultsfile import Results
-from pytest_rvads.satellites.campaigns.town_map import Site, town_picture
+from pytest_rvads.satellites.campaigns.town_map import MarkedJunction, town_picture
 from pytest_rvads.satellites.campaigns.town_plan import Plan, Request
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.selection import TOO_SHORT, TOO_TIGHT
@@ -92,7 +92,7 @@ class Town:
                     reason = refused.get(key) or self.plan.refused.get(name, "")
                     note = f"refused: {reason}" if reason else note
                     incomplete = runs[name] < self.counts.get(name, 0)
-                    sites.append(Site(name, report, verdicts.get(name, Counter()), incomplete, note))
+                    sites.append(MarkedJunction(name, report, verdicts.get(name, Counter()), incomplete, note))
             pictures.append(town_picture(map.stem, load(map), sites))
         return pictures
 

@@ -44,7 +44,7 @@ _FORMS: dict[Mark, tuple[str, str]] = {
 """Paths of the body and of the sign of each mark [px]."""
 
 
-class Site(NamedTuple):
+class MarkedJunction(NamedTuple):
     """A junction on the map."""
 
     name: str
@@ -64,7 +64,7 @@ class Site(NamedTuple):
         return "doubt" if worst in ("good", "none") and self.incomplete else worst
 
 
-def town_picture(title: str, road_map: RoadMap, sites: Iterable[Site]) -> Picture:
+def town_picture(title: str, road_map: RoadMap, sites: Iterable[MarkedJunction]) -> Picture:
     """Return the picture of a map, with the numbers of its junctions by mark."""
     worst_last = sorted(sites, key=lambda site: list(MARKS).index(site.mark), reverse=True)  # their marks lie on top
     numbers = Counter(site.mark for site in worst_last)
@@ -100,7 +100,7 @@ def town_picture(title: str, road_map: RoadMap, sites: Iterable[Site]) -> Pictur
     return Picture((f"{plural(len(worst_last), 'junction')}: {told}" if told else "no junctions",), title, svg)
 
 
-def _mark(site: Site, x: float, y: float, scale: float) -> str:
+def _mark(site: MarkedJunction, x: float, y: float, scale: float) -> str:
     """Return the mark of a junction as SVG, a link to its items on the page."""
     facts = filter(None, (counted(site.verdicts), "results are missing" if site.incomplete else "", site.note))
     label = markup(f"{site.name}: {'; '.join(facts) or 'nothing judged'}")

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from pytest_rvads.geometry.builtin import path_of
 from pytest_rvads.geometry.finder import load
 from pytest_rvads.logic.outcome import Outcome, Tallied
-from pytest_rvads.satellites.campaigns.town_map import Site, simplified, spot, town_picture
+from pytest_rvads.satellites.campaigns.town_map import MarkedJunction, simplified, spot, town_picture
 
 coordinates = st.floats(-1000, 1000, allow_nan=False)
 lines = st.lists(st.tuples(coordinates, coordinates), min_size=2, max_size=30).map(np.array)
@@ -99,6 +99,6 @@ def test_a_bend_takes_few_points() -> None:
 def test_a_junction_is_marked_by_the_worst_that_happened(outcomes: str, mark: str) -> None:
     (report,) = load(path_of("stop4")).junctions
     verdicts: Counter[Tallied] = Counter(map(Outcome, outcomes.split()))
-    assert Site("stop4", report, verdicts, incomplete=False, note="").mark == mark
-    missing = Site("stop4", report, verdicts, incomplete=True, note="").mark
+    assert MarkedJunction("stop4", report, verdicts, incomplete=False, note="").mark == mark
+    missing = MarkedJunction("stop4", report, verdicts, incomplete=True, note="").mark
     assert missing == ("doubt" if mark in ("good", "none") else mark), "where results are missing, nothing is good or idle"
