@@ -11,9 +11,9 @@ import pytest
 
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.geometry.finder import find
-from pytest_rvads.logic.live.instant import Seen
-from pytest_rvads.logic.live.rule_monitor import RuleMonitor
 from pytest_rvads.runs.run import Run
+from pytest_rvads.satellites.live.instant import Seen
+from pytest_rvads.satellites.live.rule_monitor import RuleMonitor
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate

@@ -8,7 +8,7 @@ with ``partial(LgsvlLike, i3=False)``, which no longer ignores who comes from th
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.drivers.lgsvl import LgsvlLike
+from pytest_rvads.satellites.lgsvl import LgsvlLike
 from pytest_rvads.satellites.paper.experiment import WAIT
 
 

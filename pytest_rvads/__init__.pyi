@@ -6,7 +6,7 @@ from pytest_rvads import errors as errors, files as files, values as values
 from pytest_rvads.drivers.follower import Follower as Follower
 from pytest_rvads.drivers.reference import Reference as Reference
 from pytest_rvads.drivers.traffic import RollingStop as RollingStop
-from pytest_rvads.drivers.lgsvl import LgsvlLike as LgsvlLike
+from pytest_rvads.satellites.lgsvl import LgsvlLike as LgsvlLike
 from pytest_rvads.drivers.playback import Replay as Replay
 from pytest_rvads.drivers.traffic import traffic as traffic
 from pytest_rvads.satellites.campaigns.campaign import campaign as campaign
@@ -15,7 +15,7 @@ from pytest_rvads.session.collection.searching import critical as critical
 from pytest_rvads.session.collection.searching import falsify as falsify
 from pytest_rvads.support.errors import RuleViolation as RuleViolation
 from pytest_rvads.logic.check import check as check
-from pytest_rvads.logic.live.rule_monitor import RuleMonitor as RuleMonitor
+from pytest_rvads.satellites.live.rule_monitor import RuleMonitor as RuleMonitor
 from pytest_rvads.logic.rules.book import predicate as predicate, rule as rule
 from pytest_rvads.logic.rules.rule import Rule as Rule
 from pytest_rvads.logic.judging.verdicts import Status as Status, Verdict as Verdict
@@ -30,8 +30,8 @@ from pytest_rvads.scenarios.pedestrians import Pedestrian as Pedestrian
 from pytest_rvads.scenarios.scenario import Scenario as Scenario
 from pytest_rvads.scenarios.senses import Senses as Senses
 from pytest_rvads.search import strategies as strategies
-from pytest_rvads.search.metamorphic import equivalent as equivalent
-from pytest_rvads.search.metamorphic import determinate as determinate, rational as rational
+from pytest_rvads.satellites.relations.metamorphic import equivalent as equivalent
+from pytest_rvads.satellites.relations.metamorphic import determinate as determinate, rational as rational
 from pytest_rvads.logic.conduct.kpis import kpis as kpis
 from pytest_rvads.runs.run import Run as Run
 from pytest_rvads.runs.states import Agent as Agent, Colour as Colour, Kind as Kind, Zone as Zone

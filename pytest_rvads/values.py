@@ -7,7 +7,6 @@ from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.geometry.ways import Entrance, Exit, Movement
 from pytest_rvads.logic.conduct.validate import Finding
-from pytest_rvads.logic.live.instant import Decided, Seen
 from pytest_rvads.logic.rules.book import RuleBook
 from pytest_rvads.logic.rules.vocabulary import Word
 from pytest_rvads.runs.itineraries import Itinerary
@@ -16,6 +15,7 @@ from pytest_rvads.runs.recording import Recording
 from pytest_rvads.runs.run import Collision, Facts, Fault
 from pytest_rvads.runs.states import VehicleState
 from pytest_rvads.satellites.campaigns.resultsfile import Results
+from pytest_rvads.satellites.live.instant import Decided, Seen
 
 __all__ = [
     "Collision",

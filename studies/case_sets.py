@@ -6,12 +6,12 @@ from collections.abc import Callable, Iterator, Sequence
 from itertools import islice, product
 from pathlib import Path
 
-from pytest_rvads.drivers.lgsvl import LgsvlLike
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.runs.readers import read_recorded
+from pytest_rvads.satellites.lgsvl import LgsvlLike
 from pytest_rvads.satellites.paper.experiment import TABLES, Setup, entries
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.configurations import configuration

@@ -21,6 +21,7 @@ from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.conduct.standing import TIE
 from pytest_rvads.logic.rules.book import rules_for
+from pytest_rvads.satellites.starts.trials import Fault, fault_of
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.configurations import ARRIVALS, grid
 from pytest_rvads.scenarios.orbits import Orbits
@@ -28,7 +29,6 @@ from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.scenarios.selection import Selection
 from pytest_rvads.scenarios.senses import IDEAL, Senses
 from pytest_rvads.scenarios.walks import walks_of
-from pytest_rvads.search.trials import Fault, fault_of
 from pytest_rvads.simulators.simulator import simulate
 from pytest_rvads.support.executors import Progress, spread
 from studies.mutants import AT_CROSSWALKS

@@ -15,11 +15,11 @@ from random import Random
 from statistics import median
 
 from pytest_rvads.drivers.interface import Factory
-from pytest_rvads.drivers.lgsvl import LgsvlLike
 from pytest_rvads.drivers.traffic import traffic
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.runs.states import Zone
+from pytest_rvads.satellites.lgsvl import LgsvlLike
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.falsify import broken

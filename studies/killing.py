@@ -11,12 +11,12 @@ from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.rules.book import rules_for
+from pytest_rvads.satellites.relations.metamorphic import compare
+from pytest_rvads.satellites.relations.relations import RELATIONS
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.configurations import configuration
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.falsify import broken
-from pytest_rvads.search.metamorphic import compare
-from pytest_rvads.search.relations import RELATIONS
 from pytest_rvads.simulators.simulator import named, simulate
 from pytest_rvads.support.executors import Progress, spread
 from studies.mutants import MUTANTS

@@ -15,11 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
-from pytest_rvads.drivers.lgsvl import LgsvlLike
 from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.runs.readers import read_recorded
 from pytest_rvads.runs.run import Run
+from pytest_rvads.satellites.lgsvl import LgsvlLike
 from pytest_rvads.satellites.paper.experiment import outcome
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario

@@ -16,11 +16,11 @@ from random import Random
 from statistics import median
 
 from pytest_rvads.geometry.finder import find
+from pytest_rvads.satellites.starts.starts import lines_at
 from pytest_rvads.scenarios.configurations import ARRIVALS, grid
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.scenarios.selection import Selection
 from pytest_rvads.search.falsify import look_for
-from pytest_rvads.search.starts import lines_at
 from pytest_rvads.support.errors import ScenarioError
 from pytest_rvads.support.executors import spread
 from studies.critical_power import TRAFFIC, Find, found_by, junctions_of, kept_by, safety_rules, settings

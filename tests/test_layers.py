@@ -45,7 +45,7 @@ def test_data_flows_one_way() -> None:
         ("platformdirs", {"physics/braking.py"}),
         ("psutil", {"drivers/stacks/descendants.py"}),
         ("jinja2", {"report/webpage.py"}),
-        ("pytest", {"plugin.py", "conformance", "fixtures", "session", "clients"}),
+        ("pytest", {"plugin.py", "satellites", "fixtures", "session", "clients"}),
     ],
 )
 def test_a_library_has_its_home(library: str, homes: set[str]) -> None:

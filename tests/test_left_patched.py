@@ -4,7 +4,7 @@ from types import ModuleType
 
 import pytest
 
-from pytest_rvads.search import trials
+from pytest_rvads.satellites.starts import trials
 
 from .left_patched import Attributes
 
@@ -35,7 +35,7 @@ def test_what_is_left_replaced_is_named_and_restored(
     inner.setattr(owner, name, 2)
     leaves(outer, inner)  # type: ignore[operator]
     (left,) = attributes.restore(everything=everything)
-    assert left in (f"pytest_rvads.search.trials.{name}", f"pytest_rvads.search.trials.Setting.{name}")
+    assert left in (f"pytest_rvads.satellites.starts.trials.{name}", f"pytest_rvads.satellites.starts.trials.Setting.{name}")
     assert getattr(owner, name) is original
     assert attributes.restore(everything=True) == []
 
@@ -43,7 +43,7 @@ def test_what_is_left_replaced_is_named_and_restored(
 def test_a_replacement_without_pytest_is_found_among_everything(attributes: Attributes) -> None:
     original, trials.rank = trials.rank, len  # type: ignore[assignment]
     assert attributes.restore(everything=False) == []
-    assert attributes.restore(everything=True) == ["pytest_rvads.search.trials.rank"]
+    assert attributes.restore(everything=True) == ["pytest_rvads.satellites.starts.trials.rank"]
     assert trials.rank is original
 
 
@@ -52,7 +52,7 @@ def test_what_a_wider_fixture_replaces_is_found_at_the_end_of_its_file(attribute
     patch.setattr(trials.Setting, "judged", 1)
     attributes.forget()
     assert attributes.restore(everything=False) == []
-    assert attributes.restore(everything=True) == ["pytest_rvads.search.trials.Setting.judged"]
+    assert attributes.restore(everything=True) == ["pytest_rvads.satellites.starts.trials.Setting.judged"]
 
 
 def test_what_is_undone_is_not_named(attributes: Attributes) -> None:

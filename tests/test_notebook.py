@@ -18,7 +18,6 @@ import pytest
 from msgspec import structs
 
 import pytest_rvads as rvads
-from pytest_rvads.cli.notebook import Picture, html, telling
 from pytest_rvads.geometry.finder import find, names
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
@@ -27,6 +26,7 @@ from pytest_rvads.report.draw.curves import draw_braking
 from pytest_rvads.runs.measured import Kpis, PairKpis, VehicleKpis
 from pytest_rvads.runs.run import Excerpt, Fault, Run
 from pytest_rvads.runs.states import Zone
+from pytest_rvads.satellites.notebook import Picture, html, telling
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.loop import usual
 
@@ -322,9 +322,9 @@ import pytest_rvads as rvads
 scenario = rvads.Scenario(rvads.find("stop4"), "1000", distance=2, duration=0.1)
 run = rvads.simulate(rvads.Case(scenario, rvads.Reference))
 rvads.check(run, "full_stop")
-print("pytest_rvads.cli.notebook" in sys.modules)
+print("pytest_rvads.satellites.notebook" in sys.modules)
 run._repr_html_()
-print("pytest_rvads.cli.notebook" in sys.modules)
+print("pytest_rvads.satellites.notebook" in sys.modules)
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "False\nTrue\n"

@@ -17,7 +17,6 @@ from textwrap import wrap
 from pytest_rvads import __version__
 from pytest_rvads.cli import (
     check_commands,
-    critical_command,
     docs_command,
     dynamics_command,
     init_command,
@@ -59,7 +58,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         map_commands,
         check_commands,
         dynamics_command,
-        critical_command,
         report_commands,
         replay_command,
         docs_command,

@@ -14,8 +14,6 @@ from pytest_rvads.logic.judging.verdicts import Verdict
 from pytest_rvads.logic.rules.book import get_rule
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.report.draw.animated import animated
-from pytest_rvads.report.draw.replay import Beside, replay
-from pytest_rvads.report.failure_page import earlier_run, facts, failure_pages, moment, usual_rules
 from pytest_rvads.report.folders import INDEX, run_file
 from pytest_rvads.report.record import Record, RecordedItem
 from pytest_rvads.report.run_record import summed
@@ -23,6 +21,8 @@ from pytest_rvads.report.session_report import Report
 from pytest_rvads.runs.readers import read_runs
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.runfile import load_run
+from pytest_rvads.satellites.pages.failure_page import earlier_run, facts, failure_pages, moment, usual_rules
+from pytest_rvads.satellites.pages.replay import Beside, replay
 from pytest_rvads.scenarios.ids import recalled
 from pytest_rvads.support.errors import FormulaError, RunError, RvadsError
 from pytest_rvads.support.wording import quoted

@@ -25,14 +25,14 @@ from pytest_rvads.logic.conduct.validate import damage, validate
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.telling.phrase import undecided
-from pytest_rvads.report.draw.replay import Beside
-from pytest_rvads.report.failure_page import failure_pages
 from pytest_rvads.report.record import Record, planned_record
 from pytest_rvads.report.run_record import by_rule, of_run, summed
 from pytest_rvads.runs.measured import Kpis
 from pytest_rvads.runs.readers import READERS, files_of, matching, read_runs
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Kind
+from pytest_rvads.satellites.pages.failure_page import failure_pages
+from pytest_rvads.satellites.pages.replay import Beside
 from pytest_rvads.support.executors import gathered
 from pytest_rvads.support.executors.teams import Failed
 from pytest_rvads.support.storage import slug, write_file

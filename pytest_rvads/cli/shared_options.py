@@ -22,8 +22,8 @@ from pytest_rvads.support.executors import Apart
 
 if TYPE_CHECKING:
     from pytest_rvads.geometry.junction import Junction
-    from pytest_rvads.search.starts import Line
-    from pytest_rvads.search.trials import Setting
+    from pytest_rvads.satellites.starts.starts import Line
+    from pytest_rvads.satellites.starts.trials import Setting
 
 _SHARED: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
     "autopilot": (("--autopilot",), {"metavar": "NAME", "help": "driver: module:name, reference, or a traffic policy"}),
@@ -152,7 +152,7 @@ def declare_starts(parser: argparse.ArgumentParser) -> None:
 
 def setting_of(options: argparse.Namespace, driver: Any) -> Setting:
     """Return the settings that all runs of a command share: driver, rules, traffic and simulator."""
-    from pytest_rvads.search.trials import Setting
+    from pytest_rvads.satellites.starts.trials import Setting
     from pytest_rvads.simulators.simulator import named
 
     simulator = named(options.simulator, Path.cwd()) if options.simulator else None
@@ -185,7 +185,7 @@ def places(options: argparse.Namespace) -> Iterator[Junction]:
     """Yield the junctions that the options name; of a whole map, those without a line of starts are left out with a warning."""
     from pytest_rvads.drivers.walking import behaviour
     from pytest_rvads.geometry.finder import find
-    from pytest_rvads.search.starts import lines_at
+    from pytest_rvads.satellites.starts.starts import lines_at
 
     for name in options.pedestrians:
         behaviour(name)
@@ -226,7 +226,7 @@ def again(options: argparse.Namespace, place: Junction, id: str) -> str:
 
 def start_of(line: Line, lead: int, setting: Setting) -> dict[str, Any]:
     """Return a start of a line as a JSON object: lead [s], id, distance [m] and speed [m/s] per vehicle."""
-    from pytest_rvads.search.starts import STEP
+    from pytest_rvads.satellites.starts.starts import STEP
 
     scenario = line.scenario(lead)
     entrances = [start for start, _ in line.ways if start < len(line.place.entrances)]

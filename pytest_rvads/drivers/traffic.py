@@ -14,7 +14,6 @@ from functools import partial
 from pytest_rvads.drivers.crossing import in_the_way
 from pytest_rvads.drivers.give_way import GiveWay
 from pytest_rvads.drivers.interface import Autopilot, Command, Factory, Observation
-from pytest_rvads.drivers.lgsvl import LgsvlLike
 from pytest_rvads.drivers.reference import Gate, Reference, by_zones
 from pytest_rvads.drivers.signs_and_lights import PATIENCE, PATIENCE_STEP, Light
 from pytest_rvads.drivers.spacing import CREEP, STAND_OFF, Stopping
@@ -22,6 +21,7 @@ from pytest_rvads.geometry.control import JunctionControl, Sign
 from pytest_rvads.logic.conduct.standing import TIE
 from pytest_rvads.runs.itineraries import ENTRANCE_ZONE
 from pytest_rvads.runs.states import Colour, Zone
+from pytest_rvads.satellites.lgsvl import LgsvlLike
 from pytest_rvads.support.errors import AutopilotError, ScenarioError, suggest
 
 ROLL = 2.5

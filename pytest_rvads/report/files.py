@@ -20,9 +20,9 @@ import msgspec
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.markdown import markdown
 from pytest_rvads.report.outline import outline
-from pytest_rvads.report.page import page
 from pytest_rvads.report.record import properties
 from pytest_rvads.report.session_report import Report
+from pytest_rvads.satellites.pages.page import page
 from pytest_rvads.support.decoding import decode, encode
 from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.installed import by_suffix

@@ -18,8 +18,8 @@ from pytest_rvads.report.files import FORMATS, fitting, write
 from pytest_rvads.report.markdown import section
 from pytest_rvads.report.matrix import Matrix
 from pytest_rvads.report.outline import Section
-from pytest_rvads.report.page import rendered
 from pytest_rvads.report.side_by_side import Shared, SideBySide, changed, differing
+from pytest_rvads.satellites.pages.page import rendered
 from pytest_rvads.support.decoding import encode
 from pytest_rvads.support.wording import first, one_line, plural
 

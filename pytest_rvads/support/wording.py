@@ -21,7 +21,7 @@ _UNFIT = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud80
 _EXPANDED = re.compile(r"[\"$`\\!]")
 """Characters that a shell interprets between double quotes."""
 
-_DRAWS = "pytest_rvads.cli.notebook"
+_DRAWS = "pytest_rvads.satellites.notebook"
 
 
 def printable(text: str, most: int = 4096) -> str:
@@ -81,7 +81,7 @@ def page(name: str = "") -> str:
 
 
 def shown(value: object) -> str:
-    """Return a value as HTML, as `pytest_rvads.cli.notebook.html` draws it."""
+    """Return a value as HTML, as `pytest_rvads.satellites.notebook.html` draws it."""
     return str(import_module(_DRAWS).html(value))
 
 

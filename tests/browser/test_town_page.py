@@ -12,10 +12,10 @@ import pytest
 from pytest_rvads.geometry.road_map import RoadMap
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.outcome import Outcome
-from pytest_rvads.report.page import page
 from pytest_rvads.report.record import Record, conclude, planned_record
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.satellites.campaigns.town_map import MarkedJunction, town_picture
+from pytest_rvads.satellites.pages.page import page
 
 Chrome = Any  # of selenium.webdriver, which not everybody has
 HARM = "<img src=x onerror=alert(1)></script>"

@@ -12,15 +12,15 @@ from xml.etree import ElementTree
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.cli import all_lines, main
+from pytest_rvads.cli import main
 from pytest_rvads.geometry.builtin import path_of
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.runs.run import Run
+from pytest_rvads.satellites.starts import all_lines, atlas, starts
+from pytest_rvads.satellites.starts.starts import Line, lines_at
+from pytest_rvads.satellites.starts.trials import Setting
 from pytest_rvads.scenarios.ids import from_id
-from pytest_rvads.search import atlas, starts
-from pytest_rvads.search.starts import Line, lines_at
-from pytest_rvads.search.trials import Setting
 from pytest_rvads.simulators import driver_dynamics
 
 from ..synthetic_starts import judged_by

@@ -13,12 +13,12 @@ import msgspec
 import pytest
 
 from pytest_rvads.cli import main, replayed
-from pytest_rvads.report import failure_page
 from pytest_rvads.report.draw.animated import animated
-from pytest_rvads.report.draw.replay import Beside
 from pytest_rvads.report.folders import claimed, run_file
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.runfile import load_run
+from pytest_rvads.satellites.pages import failure_page
+from pytest_rvads.satellites.pages.replay import Beside
 from tests.inner_sessions import driven_by
 
 TESTS = driven_by(

@@ -7,8 +7,8 @@ from xml.etree import ElementTree
 
 import pytest
 
-from pytest_rvads.cli.all_lines import Band, StripRow, _page, draw_strips
 from pytest_rvads.report.draw.curves import draw_dynamics
+from pytest_rvads.satellites.starts.all_lines import Band, StripRow, _page, draw_strips
 
 
 def drawn(*rows: StripRow) -> ElementTree.Element:

@@ -22,12 +22,12 @@ from pytest_rvads.logic.conduct.rights import close_behind, held, kept_by, kept_
 from pytest_rvads.logic.conduct.standing import advance, arrived, entered, facing, leads, stands, waited, wt
 from pytest_rvads.logic.conduct.stretches import passed
 from pytest_rvads.logic.conduct.waiting import Circles, circles, lets_pass, lets_walk, no_room
-from pytest_rvads.logic.live.instant import Stream
 from pytest_rvads.logic.rules.lexicon import BUILT_IN
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.recording import zones
 from pytest_rvads.runs.run import Facts, Run
 from pytest_rvads.runs.states import Agent, Colour, Kind, Zone
+from pytest_rvads.satellites.live.instant import Stream
 
 from ..zebras import zebra
 

@@ -19,10 +19,10 @@ from pytest_rvads.logic.conduct.progress import (
 )
 from pytest_rvads.logic.conduct.rights import PACE, comes_first
 from pytest_rvads.logic.conduct.standing import inside
-from pytest_rvads.logic.live.rule_monitor import RuleMonitor
 from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, Zone
+from pytest_rvads.satellites.live.rule_monitor import RuleMonitor
 
 from ..run_builders import coarse
 

@@ -7,11 +7,11 @@ from functools import partial
 import numpy as np
 import pytest
 
-from pytest_rvads.drivers.lgsvl import Constants, LgsvlLike, ZoneBox
-from pytest_rvads.drivers.lgsvl.scheduler import Box, Whole, frame, zone_of
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
+from pytest_rvads.satellites.lgsvl import Constants, LgsvlLike, ZoneBox
+from pytest_rvads.satellites.lgsvl.scheduler import Box, Whole, frame, zone_of
 from pytest_rvads.satellites.paper.experiment import LIGHT, STOP, Entry, Setup, crossing_wait, outcome, run_entry
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario

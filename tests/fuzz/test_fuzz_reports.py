@@ -20,20 +20,20 @@ from msgspec import structs
 
 from pytest_rvads.cli.map_commands import draw_classes
 from pytest_rvads.cli.report_commands import merge
-from pytest_rvads.drivers.lgsvl import LgsvlLike
 from pytest_rvads.geometry.builtin import path_of
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.road_map import read_map
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.conduct.kpis import kpis
 from pytest_rvads.report.draw.map_picture import draw_map
-from pytest_rvads.report.draw.replay import Track, replay
 from pytest_rvads.report.draw.scene import picture
 from pytest_rvads.report.files import FORMATS, load
 from pytest_rvads.report.record import Computing, conclude, planned_record
 from pytest_rvads.report.session_report import Change, Comparison, Report, cell_of
 from pytest_rvads.report.terminal import summary
 from pytest_rvads.runs.run import Fault, Run
+from pytest_rvads.satellites.lgsvl import LgsvlLike
+from pytest_rvads.satellites.pages.replay import Track, replay
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate

@@ -15,11 +15,11 @@ from hypothesis import strategies as st
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.conduct.kpis import kpis
 from pytest_rvads.logic.conduct.validate import damage, validate
-from pytest_rvads.report.draw.replay import replay
 from pytest_rvads.report.draw.scene import picture
 from pytest_rvads.runs.readers import read_runs
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.runfile import load_run, save_run
+from pytest_rvads.satellites.pages.replay import replay
 from pytest_rvads.support.errors import RunError
 
 from .mutations import QUICK, damaged

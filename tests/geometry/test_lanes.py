@@ -14,9 +14,9 @@ from pytest_rvads.geometry.ways import Entrance, Exit, Movement
 from pytest_rvads.logic.conduct.predicates import extract
 from pytest_rvads.logic.judging.ground import ground
 from pytest_rvads.logic.rules.rule import parse
+from pytest_rvads.satellites.relations.relations import RELATIONS, Incomparable, Variant
+from pytest_rvads.satellites.relations.remap import Symmetry, broken_by, rotations_of
 from pytest_rvads.scenarios.case import Case
-from pytest_rvads.search.relations import RELATIONS, Incomparable, Variant
-from pytest_rvads.search.remap import Symmetry, broken_by, rotations_of
 from pytest_rvads.search.strategies import scenarios
 
 TURNS = {1: Turn.RIGHT, 2: Turn.STRAIGHT, 3: Turn.LEFT}

@@ -3,8 +3,8 @@
 import pytest
 
 import pytest_rvads as rvads
+from pytest_rvads.satellites.relations.metamorphic import equivalent
 from pytest_rvads.scenarios.case import Case
-from pytest_rvads.search.metamorphic import equivalent
 from pytest_rvads.simulators.loop import usual
 
 from .attempts import CHECKED, STOPPED, Session

@@ -15,13 +15,13 @@ from pytest_rvads.geometry.crosswalks import Side
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.check import check
-from pytest_rvads.logic.live.instant import Seen
-from pytest_rvads.logic.live.rule_monitor import RuleMonitor
 from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.logic.rules.book import rulebook, rules_for
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour
+from pytest_rvads.satellites.live.instant import Seen
+from pytest_rvads.satellites.live.rule_monitor import RuleMonitor
 from pytest_rvads.support.errors import RunError
 
 from ..strollers import stroll

@@ -27,12 +27,12 @@ from pytest_rvads.logic.conduct.rights import comes_first
 from pytest_rvads.logic.conduct.standing import stopped
 from pytest_rvads.logic.conduct.waiting import due
 from pytest_rvads.logic.judging.prepare import prepare
-from pytest_rvads.logic.live.rule_monitor import RuleMonitor
 from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.logic.rules.book import get_rule, rules_for
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, Zone
-from pytest_rvads.search.remap import mirrored
+from pytest_rvads.satellites.live.rule_monitor import RuleMonitor
+from pytest_rvads.satellites.relations.remap import mirrored
 
 from ..run_builders import coarse
 

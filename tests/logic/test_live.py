@@ -10,12 +10,12 @@ from pytest_rvads.drivers.traffic import RedLightRunner, RollingStop
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status
-from pytest_rvads.logic.live.rule_monitor import RuleMonitor
 from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.logic.rules.book import get_rule, rulebook
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour
+from pytest_rvads.satellites.live.rule_monitor import RuleMonitor
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate

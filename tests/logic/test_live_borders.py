@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status
-from pytest_rvads.logic.live.instant import Seen
-from pytest_rvads.logic.live.rule_monitor import RuleMonitor
 from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.runs.itineraries import ENTRANCE_ZONE, Itinerary, itinerary
 from pytest_rvads.runs.recording import Before, Recording, Track, zones
 from pytest_rvads.runs.states import Agent, Zone
+from pytest_rvads.satellites.live.instant import Seen
+from pytest_rvads.satellites.live.rule_monitor import RuleMonitor
 
 PLACE = find("stop4")
 WAYS = itinerary(PLACE, 0, 2), itinerary(PLACE, 1, 3)

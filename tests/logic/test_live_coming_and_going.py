@@ -12,8 +12,6 @@ from pytest_rvads.drivers.traffic import RollingStop
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status
-from pytest_rvads.logic.live.instant import Decided, Seen
-from pytest_rvads.logic.live.rule_monitor import RuleMonitor
 from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.logic.rules.rule import Rule
@@ -21,6 +19,8 @@ from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.recording import zones
 from pytest_rvads.runs.run import Facts, Run
 from pytest_rvads.runs.states import Agent, Colour, Zone
+from pytest_rvads.satellites.live.instant import Decided, Seen
+from pytest_rvads.satellites.live.rule_monitor import RuleMonitor
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate

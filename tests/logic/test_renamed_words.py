@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from pytest_rvads.logic.check import check
-from pytest_rvads.logic.live.rule_monitor import RuleMonitor
 from pytest_rvads.logic.rules.book import rulebook
 from pytest_rvads.logic.rules.lexicon import BUILT_IN
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.run import Excerpt, Run
 from pytest_rvads.runs.states import Colour
+from pytest_rvads.satellites.live.rule_monitor import RuleMonitor
 
 Make = Callable[..., Run]
 GREEN, RED = Colour.GREEN, Colour.RED

@@ -9,9 +9,9 @@ from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.segment import NO_LIMIT, Limits
 from pytest_rvads.logic.check import check
-from pytest_rvads.logic.live.rule_monitor import RuleMonitor
 from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.runs.run import Run
+from pytest_rvads.satellites.live.rule_monitor import RuleMonitor
 
 Make = Callable[..., Run]
 

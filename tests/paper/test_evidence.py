@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 import pytest
 
 from pytest_rvads import cli
-from pytest_rvads.drivers.lgsvl import Constants, LgsvlLike
+from pytest_rvads.satellites.lgsvl import Constants, LgsvlLike
 from pytest_rvads.satellites.paper import evidence
 from pytest_rvads.satellites.paper.evidence import (
     FREE,

@@ -6,10 +6,10 @@ import pytest
 
 from pytest_rvads.drivers.follower import Follower
 from pytest_rvads.drivers.interface import Control, Observation
-from pytest_rvads.drivers.lgsvl import LgsvlLike
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.physics.braking import greatest_safe, vmax
+from pytest_rvads.satellites.lgsvl import LgsvlLike
 from pytest_rvads.simulators.closed_loop import closed_vmax
 from pytest_rvads.support.errors import RunError, ScenarioError
 

@@ -12,11 +12,12 @@ from typing import Any
 import pytest
 
 from pytest_rvads.cli import main
-from pytest_rvads.report import failure_page, folders
-from pytest_rvads.report.draw.replay import Beside
+from pytest_rvads.report import folders
 from pytest_rvads.report.folders import claimed
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.runfile import load_run
+from pytest_rvads.satellites.pages import failure_page
+from pytest_rvads.satellites.pages.replay import Beside
 from pytest_rvads.session import artefacts
 from tests.inner_sessions import FAILING, driven_by, records_of
 
@@ -306,7 +307,7 @@ def test_the_run_of_the_baseline_is_a_ghost(pytester: pytest.Pytester, racing: P
 def test_worker_finds_the_run_of_the_baseline(pytester: pytest.Pytester, racing: Path) -> None:
     pytester.makeconftest("""
         from pathlib import Path
-        from pytest_rvads.report import failure_page
+        from pytest_rvads.satellites.pages import failure_page
 
         def spy(run, verdict, rule, notes, beside, pages=failure_page.failure_pages):
             Path("ghost").write_text(str(beside.ghost and beside.ghost.hash))

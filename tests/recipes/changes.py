@@ -168,7 +168,10 @@ def plain_text(report: Report, _folder: Path) -> str:
     return "".join(f"{line}\\n" for block in outline(report) for line in (block.title, *block.plain()))
 ''',
             "pytest_rvads/report/files.py": (
-                ("from pytest_rvads.report.page import page\n", "from pytest_rvads.report.plain_text import plain_text\n"),
+                (
+                    "from pytest_rvads.satellites.pages.page import page\n",
+                    "from pytest_rvads.report.plain_text import plain_text\n",
+                ),
                 ('    ".html": page,\n', '    ".plain": plain_text,\n'),
             ),
         },

@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.conformance.bench import Bench
-from pytest_rvads.conformance.test_conformance import CHECKS, faults
 from pytest_rvads.physics.body import Motion
 from pytest_rvads.physics.engines import MujocoWorld
 from pytest_rvads.runs.run import DT
+from pytest_rvads.satellites.conformance.bench import Bench
+from pytest_rvads.satellites.conformance.test_conformance import CHECKS, faults
 from pytest_rvads.simulators.loop import Loop, usual
 from pytest_rvads.simulators.simulator import named, simulators
 from pytest_rvads.support.installed import versions

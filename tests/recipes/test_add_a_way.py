@@ -24,11 +24,11 @@ from pytest_rvads.logic.conduct.validate import validate
 from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.report.draw.animated import animated
-from pytest_rvads.report.draw.replay import events, replay
 from pytest_rvads.report.draw.scene import picture
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Kind, VehicleState, Zone
+from pytest_rvads.satellites.pages.replay import events, replay
 from pytest_rvads.support.errors import MapError, RunError
 
 STOP = find("stop4")

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from pytest_rvads.drivers.follower import Follower
-from pytest_rvads.drivers.lgsvl import LgsvlLike
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
@@ -18,6 +17,7 @@ from pytest_rvads.runs.periods import Period
 from pytest_rvads.runs.recording import Recording, Track
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Zone
+from pytest_rvads.satellites.lgsvl import LgsvlLike
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate

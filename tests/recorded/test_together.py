@@ -15,11 +15,11 @@ from pytest_rvads.logic.conduct.presence import near, together
 from pytest_rvads.logic.conduct.standing import stopped
 from pytest_rvads.logic.conduct.validate import validate
 from pytest_rvads.logic.judging.verdicts import Status
-from pytest_rvads.report.failure_page import timelines
 from pytest_rvads.runs import periods
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.runfile import load_run, save_run
 from pytest_rvads.runs.states import Colour, Zone
+from pytest_rvads.satellites.pages.failure_page import timelines
 from pytest_rvads.support.errors import RunError
 
 from .strung import Told, concerning, driven, instances, recorded, strung, uncut

@@ -22,7 +22,6 @@ from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.report.counting import Counts, counts_of
 from pytest_rvads.report.coverage import SIMULTANEOUS, Tried, arrivals_line, pairs_tried, untested
 from pytest_rvads.report.outline import Figures, outline
-from pytest_rvads.report.page import page
 from pytest_rvads.report.record import Record, conclude, planned_record
 from pytest_rvads.report.run_record import of_run
 from pytest_rvads.report.session_report import Report
@@ -30,6 +29,7 @@ from pytest_rvads.report.terminal import summary
 from pytest_rvads.runs.measured import ArrivalDifferences
 from pytest_rvads.runs.run import Excerpt, Facts, Run
 from pytest_rvads.runs.states import Agent, Zone
+from pytest_rvads.satellites.pages.page import page
 
 Arrivals = Mapping[tuple[int, int], float | None]
 """Per movement, the time at which its vehicle arrives [s]; None for a vehicle that never arrives."""

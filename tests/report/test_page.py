@@ -16,10 +16,10 @@ from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.report.folders import claimed
 from pytest_rvads.report.markdown import markdown
 from pytest_rvads.report.outline import Changes, outline
-from pytest_rvads.report.page import page
 from pytest_rvads.report.record import Record, conclude, planned_record
 from pytest_rvads.report.session_report import Change, Comparison, Report
 from pytest_rvads.report.terminal import summary
+from pytest_rvads.satellites.pages.page import page
 from pytest_rvads.session.outputs import annotate
 
 LONG = "d10.00,12.50v05.00,08.33"

@@ -23,13 +23,13 @@ from pytest_rvads.report.figures import figures
 from pytest_rvads.report.files import load, save, table
 from pytest_rvads.report.markdown import markdown
 from pytest_rvads.report.matrix import Matrices, Matrix
-from pytest_rvads.report.page import page
 from pytest_rvads.report.record import Record, conclude, planned_record, properties
 from pytest_rvads.report.rollup import junction_lines
 from pytest_rvads.report.session_report import Comparison, Report, cell_of, exit_status, steady
 from pytest_rvads.report.terminal import summary
 from pytest_rvads.report.triage import Cause
 from pytest_rvads.runs.measured import Kpis
+from pytest_rvads.satellites.pages.page import page
 from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.wording import printable
 

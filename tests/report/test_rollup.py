@@ -22,10 +22,10 @@ from pytest_rvads.report.coverage import cell_coverage
 from pytest_rvads.report.files import FORMATS, load
 from pytest_rvads.report.markdown import markdown
 from pytest_rvads.report.outline import Causes, Figures, Head, RollUp, Verdicts, outline
-from pytest_rvads.report.page import page
 from pytest_rvads.report.record import Computing, Record, RecordedItem, conclude, planned_record
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.report.terminal import summary
+from pytest_rvads.satellites.pages.page import page
 from pytest_rvads.support.wording import natural
 
 
@@ -301,14 +301,14 @@ def content(report: Report) -> Any:
 
 
 def test_full_page_holds_failures_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pytest_rvads.report.page._ITEMS", 500)
+    monkeypatch.setattr("pytest_rvads.satellites.pages.page._ITEMS", 500)
     wrong = [(j, run) for j in range(1, 31) for run in (1, 2)]
     known = [record("J1", run, "p1", "FAIL", known="I3: order") for run in range(6, 506)]
     report = Report((*town(60, 5, wrong=wrong), *known))
     data = content(report)
     assert (data["all"], len(data["items"])) == (1100, 500)
     assert sum(item["status"] == "FAIL" and not item["known"] for item in data["items"]) == 60, "all of them"
-    monkeypatch.setattr("pytest_rvads.report.page._ITEMS", 1000)
+    monkeypatch.setattr("pytest_rvads.satellites.pages.page._ITEMS", 1000)
     data = content(report)
     assert sum(item["known"] for item in data["items"]) == 500
     assert len({(item["junction"], item["rule"]) for item in data["items"]}) == 120, "every rule at every junction"

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.matrix import Matrices, Matrix, member_of
-from pytest_rvads.report.page import page
 from pytest_rvads.report.record import Record, conclude, planned_record, properties
 from pytest_rvads.report.session_report import Report, cell_of
 from pytest_rvads.report.terminal import summary
+from pytest_rvads.satellites.pages.page import page
 
 
 def record(variant: str, cls: int, cfg: str = "C", rule: str = "p1", status: str = "PASS") -> Record:

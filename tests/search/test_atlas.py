@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 import pytest_rvads as rvads
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.runs.run import Run
-from pytest_rvads.search import atlas as drawing
-from pytest_rvads.search.atlas import Atlas, Strip, draw_atlas
-from pytest_rvads.search.starts import Line, lines_at
-from pytest_rvads.search.trials import Setting
+from pytest_rvads.satellites.starts import atlas as drawing
+from pytest_rvads.satellites.starts.atlas import Atlas, Strip, draw_atlas
+from pytest_rvads.satellites.starts.starts import Line, lines_at
+from pytest_rvads.satellites.starts.trials import Setting
 
 from ..synthetic_starts import Answer, judged_by, lead_of, setting
 

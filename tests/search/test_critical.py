@@ -14,10 +14,10 @@ from pytest_rvads.geometry.finder import names
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.runs.run import Run
+from pytest_rvads.satellites.starts.critical import CriticalStart, Order, bisected, critical_starts, failure
+from pytest_rvads.satellites.starts.starts import Line, lines_at
+from pytest_rvads.satellites.starts.trials import Fault, Setting, fault_of
 from pytest_rvads.scenarios.ids import from_id
-from pytest_rvads.search.critical import CriticalStart, Order, bisected, critical_starts, failure
-from pytest_rvads.search.starts import Line, lines_at
-from pytest_rvads.search.trials import Fault, Setting, fault_of
 from pytest_rvads.support.errors import OpenObligation, RuleViolation, ScenarioError
 
 from ..drivers.blind import BLIND

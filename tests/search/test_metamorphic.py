@@ -11,10 +11,10 @@ import pytest
 import pytest_rvads as rvads
 from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.geometry.builtin import path_of
+from pytest_rvads.satellites.relations.metamorphic import compare, equivalent
+from pytest_rvads.satellites.relations.relations import RELATIONS, Incomparable, Variant
+from pytest_rvads.satellites.relations.remap import broken_by, mirrored, moved, rotations_of
 from pytest_rvads.scenarios.case import Case
-from pytest_rvads.search.metamorphic import compare, equivalent
-from pytest_rvads.search.relations import RELATIONS, Incomparable, Variant
-from pytest_rvads.search.remap import broken_by, mirrored, moved, rotations_of
 
 NONE: dict[str, Any] = {"i1": False, "i2": False, "i3": False, "i4": False, "i5": False}
 

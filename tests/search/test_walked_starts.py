@@ -7,13 +7,13 @@ from pytest_rvads.drivers.walking import KERB
 from pytest_rvads.geometry.crosswalks import Side
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.logic.rules.book import rules_for
+from pytest_rvads.satellites.starts import atlas
+from pytest_rvads.satellites.starts.critical import Order, critical_starts
+from pytest_rvads.satellites.starts.starts import STEP, Line, lines_at
+from pytest_rvads.satellites.starts.trials import Fault, Setting, Trial
 from pytest_rvads.scenarios.ids import from_id
 from pytest_rvads.scenarios.pedestrians import Crossed
-from pytest_rvads.search import atlas
 from pytest_rvads.search.counterexample import pasteable
-from pytest_rvads.search.critical import Order, critical_starts
-from pytest_rvads.search.starts import STEP, Line, lines_at
-from pytest_rvads.search.trials import Fault, Setting, Trial
 from pytest_rvads.support.errors import ScenarioError
 
 ZEBRA = rvads.find("zebra4")

@@ -12,9 +12,9 @@ from typing import Any
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.conformance.bench import Bench
-from pytest_rvads.conformance.test_conformance import CHECKS, faults, unsupported
 from pytest_rvads.drivers.reference import Reference
+from pytest_rvads.satellites.conformance.bench import Bench
+from pytest_rvads.satellites.conformance.test_conformance import CHECKS, faults, unsupported
 
 ROOT = Path(__file__).parents[2]
 EXCHANGE = [

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.conformance.bench import Bench, NotTried
-from pytest_rvads.conformance.test_conformance import CHECKS, faults, unsupported
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.runs.states import SignalPlan
+from pytest_rvads.satellites.conformance.bench import Bench, NotTried
+from pytest_rvads.satellites.conformance.test_conformance import CHECKS, faults, unsupported
 from pytest_rvads.simulators.loop import usual
 from pytest_rvads.simulators.simulator import named
 
@@ -33,7 +33,7 @@ def bench(simulator: Any, *junctions: str, drivers: Sequence[Any] = (Reference,)
 def test_shipped_simulator_passes_all_conformance_tests(simulator: str, pytester: pytest.Pytester) -> None:
     pytest.importorskip(SHIPPED[simulator])
     result = pytester.runpytest_subprocess(
-        "-p", "no:cacheprovider", "--pyargs", "pytest_rvads.conformance", "--rvads-simulator", simulator
+        "-p", "no:cacheprovider", "--pyargs", "pytest_rvads.satellites.conformance", "--rvads-simulator", simulator
     )
     result.assert_outcomes(passed=len(CHECKS))
 
@@ -640,7 +640,7 @@ dark = Dark()
 def test_unsupported_check_is_expected_to_fail_and_fails_when_it_passes(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(own_dark=DARK)
     result = pytester.runpytest_subprocess(
-        *("-p", "no:cacheprovider", "--pyargs", "pytest_rvads.conformance", "--rvads-simulator", "own_dark:dark"),
+        *("-p", "no:cacheprovider", "--pyargs", "pytest_rvads.satellites.conformance", "--rvads-simulator", "own_dark:dark"),
         *("-k", "name or lights or bodies", "-rxf"),
     )
     result.assert_outcomes(passed=1, failed=1, xfailed=1, deselected=len(CHECKS) - 3)

@@ -11,13 +11,13 @@ from typing import Any
 import msgspec
 import pytest
 
-from pytest_rvads.drivers.lgsvl.scheduler import frame
 from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.segment import join
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.physics.engines import usual
 from pytest_rvads.runs.run import Run
+from pytest_rvads.satellites.lgsvl.scheduler import frame
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators.loop import Planar
 from pytest_rvads.support.errors import MapError, ScenarioError

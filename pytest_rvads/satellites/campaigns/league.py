@@ -22,8 +22,8 @@ from pytest_rvads.drivers.traffic import Policy, policy_name
 from pytest_rvads.geometry.choosing import choose
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.satellites.campaigns.town_plan import Plan, Request
+from pytest_rvads.satellites.starts.starts import Line, lines_at
 from pytest_rvads.scenarios.case import Case
-from pytest_rvads.search.starts import Line, lines_at
 from pytest_rvads.support.decoding import typed
 from pytest_rvads.support.errors import RvadsError, ScenarioError
 from pytest_rvads.support.storage import read_file

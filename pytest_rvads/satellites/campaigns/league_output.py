@@ -22,7 +22,6 @@ from pytest_rvads.report.counting import Counts, counts_of
 from pytest_rvads.report.coverage import largest_gap
 from pytest_rvads.report.figures import total
 from pytest_rvads.report.outline import Block, Notes, Section
-from pytest_rvads.report.page import rendered
 from pytest_rvads.report.session_report import Report, exit_status
 from pytest_rvads.report.side_by_side import side_by_side
 from pytest_rvads.report.side_by_side_forms import json_of, sections
@@ -30,8 +29,9 @@ from pytest_rvads.report.triage import causes
 from pytest_rvads.satellites.campaigns.campaign import continued, digest, reopened
 from pytest_rvads.satellites.campaigns.league import Config, League, about
 from pytest_rvads.satellites.campaigns.replays import INTERRUPTED, Replays, draw_replays
-from pytest_rvads.search.critical import Order, critical_starts
-from pytest_rvads.search.trials import Fault, Setting
+from pytest_rvads.satellites.pages.page import rendered
+from pytest_rvads.satellites.starts.critical import Order, critical_starts
+from pytest_rvads.satellites.starts.trials import Fault, Setting
 from pytest_rvads.simulators.simulator import Simulator, meant, named
 from pytest_rvads.support.decoding import decode, encode
 from pytest_rvads.support.errors import RvadsError

@@ -171,9 +171,9 @@ def _judge_town(
 ) -> int:
     """Simulate and judge the runs, write page and reports, also after an interruption, and return the exit status."""
     from pytest_rvads.report.files import save, write
-    from pytest_rvads.report.page import page
     from pytest_rvads.satellites.campaigns.campaign import continued, digest
     from pytest_rvads.satellites.campaigns.replays import Replays, draw_replays
+    from pytest_rvads.satellites.pages.page import page
 
     again = _rerun_command(options)
     path = None if options.only else folder / f"results-{digest(town.cases(), town.plan.request.rules, simulator)}.jsonl"

@@ -22,15 +22,15 @@ from typing import Any
 import numpy as np
 
 from pytest_rvads.drivers.interface import Drives, Observation
-from pytest_rvads.drivers.lgsvl import Constants, LgsvlLike
-from pytest_rvads.drivers.lgsvl.pilot import Pilot
-from pytest_rvads.drivers.lgsvl.scheduler import Box, Scheduler, zone_of
 from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.report.draw.scene import picture
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Zone
+from pytest_rvads.satellites.lgsvl import Constants, LgsvlLike
+from pytest_rvads.satellites.lgsvl.pilot import Pilot
+from pytest_rvads.satellites.lgsvl.scheduler import Box, Scheduler, zone_of
 from pytest_rvads.satellites.paper.experiment import (
     LIGHT,
     ROWS,

@@ -8,14 +8,14 @@ from functools import partial
 
 import numpy as np
 
-from pytest_rvads.drivers.lgsvl import Constants, LgsvlLike
-from pytest_rvads.drivers.lgsvl.scheduler import RED_WAIT, TURN_WAIT
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, Zone
+from pytest_rvads.satellites.lgsvl import Constants, LgsvlLike
+from pytest_rvads.satellites.lgsvl.scheduler import RED_WAIT, TURN_WAIT
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.configurations import configuration
 from pytest_rvads.scenarios.scenario import Scenario

@@ -22,13 +22,13 @@ from pytest_rvads.logic.conduct.kpis import arrival_differences, kpis
 from pytest_rvads.logic.rules.book import claim, rules_for
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.report.run_record import of_run
+from pytest_rvads.satellites.starts.critical import critical_starts, failing, failure
+from pytest_rvads.satellites.starts.starts import Begin, lines_at
+from pytest_rvads.satellites.starts.trials import Setting
 from pytest_rvads.scenarios.case import Fleet
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.counterexample import violation
-from pytest_rvads.search.critical import critical_starts, failing, failure
 from pytest_rvads.search.falsify import Search
-from pytest_rvads.search.starts import Begin, lines_at
-from pytest_rvads.search.trials import Setting
 from pytest_rvads.session.collection.cells import cells_of
 from pytest_rvads.session.collection.misuse import beside, caller, told_at
 from pytest_rvads.session.items import CELL, RECORD, RUN, SIMULATOR, VERDICTS, checked_name
@@ -40,9 +40,9 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from pytest_rvads.drivers.interface import Factory
-    from pytest_rvads.search.critical import CriticalStart
+    from pytest_rvads.satellites.starts.critical import CriticalStart
+    from pytest_rvads.satellites.starts.starts import Line
     from pytest_rvads.search.space import Space
-    from pytest_rvads.search.starts import Line
     from pytest_rvads.session.collection.cells import Cell
 
 

@@ -11,15 +11,15 @@ import pytest
 
 import pytest_rvads as rvads
 from pytest_rvads.cli import main
-from pytest_rvads.cli.notebook import html
 from pytest_rvads.drivers.interface import Command, Observation
 from pytest_rvads.geometry.builtin import path_of
 from pytest_rvads.geometry.road_map import read_map
 from pytest_rvads.report.draw.animated import animated
 from pytest_rvads.report.draw.map_picture import draw_map
-from pytest_rvads.report.draw.replay import events, replay
 from pytest_rvads.report.draw.scene import draw_ways, picture
 from pytest_rvads.runs.run import Run
+from pytest_rvads.satellites.notebook import html
+from pytest_rvads.satellites.pages.replay import events, replay
 from pytest_rvads.scenarios.ids import recalled
 from tests.zebras import zebra
 

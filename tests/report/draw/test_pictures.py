@@ -14,10 +14,10 @@ import pytest
 
 from pytest_rvads.cli.map_commands import draw_classes
 from pytest_rvads.geometry.finder import find
-from pytest_rvads.report.draw.replay import events, replay
 from pytest_rvads.report.draw.scene import Scene, picture
 from pytest_rvads.runs.run import Collision, Run
 from pytest_rvads.runs.states import Kind, Zone
+from pytest_rvads.satellites.pages.replay import events, replay
 from pytest_rvads.scenarios.classes import classes, members
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.support.errors import RunError

@@ -19,7 +19,6 @@ from pytest_rvads.cli import main
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.outline import Notes
-from pytest_rvads.report.page import rendered
 from pytest_rvads.report.record import conclude, planned_record
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.report.side_by_side import side_by_side
@@ -30,9 +29,10 @@ from pytest_rvads.satellites.campaigns.campaign import campaign
 from pytest_rvads.satellites.campaigns.league import Config, League
 from pytest_rvads.satellites.campaigns.league_output import Side, figure_sections
 from pytest_rvads.satellites.campaigns.resultsfile import Results
+from pytest_rvads.satellites.pages.page import rendered
+from pytest_rvads.satellites.starts.critical import CriticalStart, Order
+from pytest_rvads.satellites.starts.trials import Fault
 from pytest_rvads.scenarios.case import Case
-from pytest_rvads.search.critical import CriticalStart, Order
-from pytest_rvads.search.trials import Fault
 from pytest_rvads.simulators.simulator import Simulator, simulate
 from pytest_rvads.support.errors import RvadsError
 

@@ -7,7 +7,15 @@ from functools import partial
 
 import numpy as np
 
-from pytest_rvads.conformance.bench import (
+from pytest_rvads.drivers.interface import Observation
+from pytest_rvads.geometry.segment import SPEED_LIMIT
+from pytest_rvads.logic.check import check
+from pytest_rvads.logic.conduct.lane import off_route
+from pytest_rvads.logic.judging.verdicts import Status
+from pytest_rvads.physics.braking import STANDING
+from pytest_rvads.runs.run import DT, Run
+from pytest_rvads.runs.states import Vehicle
+from pytest_rvads.satellites.conformance.bench import (
     FAULTY_FROM,
     Bench,
     Brakes,
@@ -24,14 +32,6 @@ from pytest_rvads.conformance.bench import (
     unmade,
     wrong_end,
 )
-from pytest_rvads.drivers.interface import Observation
-from pytest_rvads.geometry.segment import SPEED_LIMIT
-from pytest_rvads.logic.check import check
-from pytest_rvads.logic.conduct.lane import off_route
-from pytest_rvads.logic.judging.verdicts import Status
-from pytest_rvads.physics.braking import STANDING
-from pytest_rvads.runs.run import DT, Run
-from pytest_rvads.runs.states import Vehicle
 from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.simulators.simulator import vmax
 

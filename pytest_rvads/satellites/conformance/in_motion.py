@@ -8,12 +8,12 @@ from functools import partial
 
 import numpy as np
 
-from pytest_rvads.conformance.bench import Bench, Brakes, Cruises, Witness, crowd, own_row, wrong_end
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.logic.conduct.validate import validate
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.states import SLOT, Colour, Kind, Vehicle, Zone
+from pytest_rvads.satellites.conformance.bench import Bench, Brakes, Cruises, Witness, crowd, own_row, wrong_end
 from pytest_rvads.scenarios.case import Case, Fleet
 
 RATE = (0.1, 0.03)

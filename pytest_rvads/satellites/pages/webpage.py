@@ -36,7 +36,7 @@ def webpage(template: str, title: str, data: object, sources: Sequence[str], *, 
 @cache
 def _templates() -> Environment:
     return Environment(
-        loader=PackageLoader("pytest_rvads", "report"),
+        loader=PackageLoader("pytest_rvads.satellites", "pages"),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
@@ -46,7 +46,7 @@ def _templates() -> Environment:
 
 
 def _source(name: str) -> str:
-    return files("pytest_rvads.report").joinpath(name).read_text(encoding="utf-8")
+    return files("pytest_rvads.satellites.pages").joinpath(name).read_text(encoding="utf-8")
 
 
 def _printable_data(value: Any) -> Any:

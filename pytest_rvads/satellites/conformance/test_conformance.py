@@ -13,10 +13,10 @@ from typing import Any
 
 import pytest
 
-from pytest_rvads.conformance import events, in_motion, start_and_repetition, with_drivers
-from pytest_rvads.conformance.bench import JUNCTIONS, Bench, Broken, Look, NotTried
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.geometry.finder import find
+from pytest_rvads.satellites.conformance import events, in_motion, start_and_repetition, with_drivers
+from pytest_rvads.satellites.conformance.bench import JUNCTIONS, Bench, Broken, Look, NotTried
 from pytest_rvads.session.options import Options
 from pytest_rvads.simulators.simulator import Simulator, meant
 from pytest_rvads.support.errors import ScenarioError, require, suggest

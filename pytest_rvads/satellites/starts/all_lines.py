@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from pytest_rvads.report.outline import Block
-    from pytest_rvads.search.atlas import Atlas, Strip
-    from pytest_rvads.search.trials import Setting
+    from pytest_rvads.satellites.starts.atlas import Atlas, Strip
+    from pytest_rvads.satellites.starts.trials import Setting
 
 _HELP = (
     "A strip holds all starts of two vehicles. At a lead of +1 s, the subject would reach its line 1 s before the other vehicle "
@@ -53,7 +53,7 @@ _CHARACTER = 7.0
 
 def search_all(options: argparse.Namespace, setting: Setting, executor: Executor | int | None) -> int:
     """Search all lines of starts for changes of a verdict, print what was found, write the page, and return the exit status."""
-    from pytest_rvads.search.atlas import draw_atlas
+    from pytest_rvads.satellites.starts.atlas import draw_atlas
 
     page = Path(options.output or f"{ROOT}/{STARTS}")
     try:
@@ -126,7 +126,7 @@ def _certificate(atlas: Atlas, setting: Setting, options: argparse.Namespace) ->
 
 
 def _strip(strip: Strip, setting: Setting, options: argparse.Namespace) -> dict[str, Any]:
-    from pytest_rvads.search.starts import STEP, Begin
+    from pytest_rvads.satellites.starts.starts import STEP, Begin
 
     line = strip.line
     pieces = []
@@ -159,9 +159,9 @@ def _strip(strip: Strip, setting: Setting, options: argparse.Namespace) -> dict[
 def _page(certificates: Sequence[Mapping[str, Any]]) -> str:
     """Return the HTML page of the atlases of junctions, with a strip per group of movement pairs with equal verdicts."""
     from pytest_rvads.report.outline import Head, Picture, Section
-    from pytest_rvads.report.page import rendered
-    from pytest_rvads.search.atlas import LONGEST
-    from pytest_rvads.search.starts import STEP
+    from pytest_rvads.satellites.pages.page import rendered
+    from pytest_rvads.satellites.starts.atlas import LONGEST
+    from pytest_rvads.satellites.starts.starts import STEP
 
     first = certificates[0]
     rules = f"Judged by {', '.join(first['rules'])}."

@@ -18,11 +18,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from pytest_rvads import __version__
-from pytest_rvads.conformance.bench import Bench, Brakes, Broken, NotTried, crowd, own_row, set_back
 from pytest_rvads.physics.body import start
 from pytest_rvads.physics.braking import FASTEST
 from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.states import Vehicle, Zone
+from pytest_rvads.satellites.conformance.bench import Bench, Brakes, Broken, NotTried, crowd, own_row, set_back
 from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.simulators.patience import limits
 from pytest_rvads.simulators.simulator import Simulator, made_by, named, simulate, simulators, usable, vmax
@@ -215,7 +215,9 @@ def another_process(bench: Bench) -> Iterator[str]:
             yield f"{case.scenario.name}: its hash is {one[:_CUT]}, in another process {two[:_CUT]}: depend on the case alone"
 
 
-_PROGRAM = "import sys; sys.path.insert(0, {!r}); from pytest_rvads.conformance.start_and_repetition import answer; answer()"
+_PROGRAM = (
+    "import sys; sys.path.insert(0, {!r}); from pytest_rvads.satellites.conformance.start_and_repetition import answer; answer()"
+)
 _MARK = "rvads hashes of runs:"
 
 

@@ -9,7 +9,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pytest_rvads.cli.all_lines import search_all
 from pytest_rvads.cli.common import Subparsers, progress, say, terminable, warn
 from pytest_rvads.cli.shared_options import (
     again,
@@ -25,6 +24,7 @@ from pytest_rvads.cli.shared_options import (
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.folders import ROOT, STARTS
 from pytest_rvads.report.session_report import NOTHING_JUDGED, exit_status
+from pytest_rvads.satellites.starts.all_lines import search_all
 from pytest_rvads.support.errors import RvadsError, ScenarioError
 from pytest_rvads.support.executors import apart
 from pytest_rvads.support.storage import write_file
@@ -32,8 +32,8 @@ from pytest_rvads.support.wording import plural
 
 if TYPE_CHECKING:
     from pytest_rvads.geometry.junction import Junction
-    from pytest_rvads.search.critical import CriticalStart
-    from pytest_rvads.search.trials import Setting
+    from pytest_rvads.satellites.starts.critical import CriticalStart
+    from pytest_rvads.satellites.starts.trials import Setting
 
 _CRITICAL = """\
 For every two conflicting ways of a junction, find the start at which the vehicle under test changes from waiting to going, and
@@ -64,8 +64,8 @@ def declare(commands: Subparsers) -> None:
 
 
 def _critical(options: argparse.Namespace) -> int:
-    from pytest_rvads.search.critical import critical_starts
-    from pytest_rvads.search.starts import lines_at
+    from pytest_rvads.satellites.starts.critical import critical_starts
+    from pytest_rvads.satellites.starts.starts import lines_at
 
     if options.output and not (options.start or options.all_lines):
         raise ScenarioError("-o writes the replay of one start, or the page of all lines: give --start ID or --all-lines")
@@ -111,7 +111,7 @@ def _critical(options: argparse.Namespace) -> int:
 
 def _entry(side: CriticalStart, setting: Setting, options: argparse.Namespace) -> dict[str, Any]:
     """Return a JSON object: the critical start for two conflicting ways and an order of the vehicles (subject goes or waits)."""
-    from pytest_rvads.search.starts import Begin
+    from pytest_rvads.satellites.starts.starts import Begin
 
     line = side.line
     shown = side.failed or side.start
@@ -137,7 +137,7 @@ def _entry(side: CriticalStart, setting: Setting, options: argparse.Namespace) -
 
 def _table(place: Junction, sides: Sequence[CriticalStart], setting: Setting, options: argparse.Namespace) -> Iterator[str]:
     """Yield a table line per way of the subject, way of the other vehicle and order of the two, then lines on each failure."""
-    from pytest_rvads.search.starts import STEP
+    from pytest_rvads.satellites.starts.starts import STEP
 
     yield f"{place.name}: {plural(len(sides) // 2, 'line')} of starts, {sum(len(side.tried) for side in sides)} runs"
     wide = 9 + 8 * any(side.line.walker is not None for side in sides)
@@ -188,7 +188,7 @@ def _one_start(options: argparse.Namespace, setting: Setting) -> int:
     """Simulate the start that an option names, print the verdicts on its run, and write its replay page."""
     from pytest_rvads.geometry.finder import find
     from pytest_rvads.logic.check import verdict_by
-    from pytest_rvads.report.draw.replay import replay
+    from pytest_rvads.satellites.pages.replay import replay
     from pytest_rvads.scenarios.ids import from_id
 
     map = map_of(options)

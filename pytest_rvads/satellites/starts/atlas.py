@@ -16,8 +16,8 @@ from itertools import pairwise
 from random import Random
 
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.search.starts import STEP, Line, lines_at
-from pytest_rvads.search.trials import Outcomes, Setting, Start, Trial
+from pytest_rvads.satellites.starts.starts import STEP, Line, lines_at
+from pytest_rvads.satellites.starts.trials import Outcomes, Setting, Start, Trial
 from pytest_rvads.support.errors import RunError, ScenarioError
 from pytest_rvads.support.executors import Progress, spread
 

@@ -18,7 +18,7 @@ from pytest_rvads.report.matrix import SAME, member_of, place_of
 from pytest_rvads.report.outline import FAILURES, LONG, Block, Causes, RollUp, Verdicts, outline
 from pytest_rvads.report.record import Record, SimulatedItem
 from pytest_rvads.report.session_report import LISTED, Report
-from pytest_rvads.report.webpage import webpage
+from pytest_rvads.satellites.pages.webpage import webpage
 from pytest_rvads.support.wording import printable, quoted
 
 _ITEMS = 5000

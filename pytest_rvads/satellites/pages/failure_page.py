@@ -24,7 +24,6 @@ from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.logic.rules.book import get_rule, rules_for
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.telling.story import bound_names
-from pytest_rvads.report.draw.replay import Beside, Track, changes, opening, replay
 from pytest_rvads.report.draw.scene import picture
 from pytest_rvads.report.folders import run_file
 from pytest_rvads.report.record import Record, SimulatedItem
@@ -32,6 +31,7 @@ from pytest_rvads.report.run_record import kept_run
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.runs.run import ARRAYS, Run
 from pytest_rvads.runs.runfile import load_run
+from pytest_rvads.satellites.pages.replay import Beside, Track, changes, opening, replay
 from pytest_rvads.support.errors import FormulaError, RunError
 
 

@@ -9,13 +9,24 @@ from functools import partial
 
 import numpy as np
 
-from pytest_rvads.conformance.bench import Bench, Brakes, Cast, Cruises, NotTried, Witness, among, meeting, straight, wrong_end
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.sweep import EXIT_LENGTH
 from pytest_rvads.logic.conduct.bodies import overlap
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.states import Vehicle, Zone
+from pytest_rvads.satellites.conformance.bench import (
+    Bench,
+    Brakes,
+    Cast,
+    Cruises,
+    NotTried,
+    Witness,
+    among,
+    meeting,
+    straight,
+    wrong_end,
+)
 from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.scenarios.pedestrians import Pedestrian
 from pytest_rvads.simulators.walkers import Walker

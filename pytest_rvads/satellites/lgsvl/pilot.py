@@ -15,7 +15,11 @@ from typing import NamedTuple
 from pytest_rvads.drivers.crossing import in_the_way
 from pytest_rvads.drivers.follower import STANDING, Follower
 from pytest_rvads.drivers.interface import Control, Drives, Observation, TrafficSystem
-from pytest_rvads.drivers.lgsvl.scheduler import (
+from pytest_rvads.drivers.spacing import clear_of_bodies
+from pytest_rvads.geometry.control import JunctionControl
+from pytest_rvads.geometry.turns import Turn
+from pytest_rvads.runs.states import Agent, Colour, VehicleState, Zone
+from pytest_rvads.satellites.lgsvl.scheduler import (
     ADVANCE,
     DECIDE,
     HOLD,
@@ -29,10 +33,6 @@ from pytest_rvads.drivers.lgsvl.scheduler import (
     Scheduler,
     zone_of,
 )
-from pytest_rvads.drivers.spacing import clear_of_bodies
-from pytest_rvads.geometry.control import JunctionControl
-from pytest_rvads.geometry.turns import Turn
-from pytest_rvads.runs.states import Agent, Colour, VehicleState, Zone
 
 NEAR = 45.0
 """Only vehicles that are at most this far from the junction can have priority [m]: about five seconds at full speed."""

@@ -20,9 +20,6 @@ from pytest_rvads.logic.conduct.blocks import Signal
 from pytest_rvads.logic.conduct.predicates import extract
 from pytest_rvads.logic.judging.judgement import Template
 from pytest_rvads.logic.judging.prepare import prepare
-from pytest_rvads.logic.live.board import Board, Instances
-from pytest_rvads.logic.live.instant import OF_RUNS, Decided, Instant, Mover, Seen, State, row_of, sizes_of
-from pytest_rvads.logic.live.watch import Reading, Watch
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.ltl3 import Machine, Truth
 from pytest_rvads.logic.rules.book import RuleBook, rules_for
@@ -35,6 +32,9 @@ from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.recording import Before, zones
 from pytest_rvads.runs.run import DT, Facts
 from pytest_rvads.runs.states import ABSENT, Agent
+from pytest_rvads.satellites.live.board import Board, Instances
+from pytest_rvads.satellites.live.instant import OF_RUNS, Decided, Instant, Mover, Seen, State, row_of, sizes_of
+from pytest_rvads.satellites.live.watch import Reading, Watch
 from pytest_rvads.support.errors import RunError
 
 

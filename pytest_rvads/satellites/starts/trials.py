@@ -18,10 +18,10 @@ from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.run import Run
+from pytest_rvads.satellites.starts.starts import CHANGED, LONGEST, Line
 from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.scenarios.ids import run_id
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.search.starts import CHANGED, LONGEST, Line
 from pytest_rvads.simulators.patience import Choice, Limits, choice, choosing
 from pytest_rvads.simulators.simulator import Simulator, meant, simulate
 from pytest_rvads.support.errors import RunError

@@ -24,8 +24,6 @@ from pytest_rvads.logic.judging.evaluate import OPERATORS, Values, signal_of
 from pytest_rvads.logic.judging.ground import unfold
 from pytest_rvads.logic.judging.judgement import Template
 from pytest_rvads.logic.judging.prepare import prepare
-from pytest_rvads.logic.live.instant import Instant, Mover
-from pytest_rvads.logic.live.watch import Fact
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.lexicon import word_of
 from pytest_rvads.logic.rules.parts import agents_of, split
@@ -33,6 +31,8 @@ from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.rules.vocabulary import Follower, Sort
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent
+from pytest_rvads.satellites.live.instant import Instant, Mover
+from pytest_rvads.satellites.live.watch import Fact
 from pytest_rvads.support.errors import FormulaError
 
 _Entry = TypeVar("_Entry")

@@ -1,1 +1,0 @@
-"""The tests that a simulator has to pass: ``pytest --pyargs pytest_rvads.conformance --rvads-simulator=module:name``."""
