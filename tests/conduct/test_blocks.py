@@ -19,8 +19,7 @@ from pytest_rvads.logic.conduct.on_foot import claims
 from pytest_rvads.logic.conduct.priority import brakes_hard, obstructs, owes, unhindered
 from pytest_rvads.logic.conduct.progress import Lost, blocks, idles, losses, may_go
 from pytest_rvads.logic.conduct.rights import close_behind, held, kept_by, kept_by_walker, next_to_go, starting, waives
-from pytest_rvads.logic.conduct.standing import advance, arrived, entered, facing, leads, stands, waited, wt
-from pytest_rvads.logic.conduct.stretches import passed
+from pytest_rvads.logic.conduct.standing import advance, entered, facing, leads, stands, waited, wt
 from pytest_rvads.logic.conduct.waiting import Circles, circles, lets_pass, lets_walk, no_room
 from pytest_rvads.logic.rules.lexicon import BUILT_IN
 from pytest_rvads.runs.itineraries import itinerary
@@ -53,7 +52,6 @@ def signals_of_modules() -> list[Signal[Any]]:
 
 
 CARRIED = tuple(signal for signal in signals_of_modules() if signal.start)
-STEADY = tuple(signal for signal in signals_of_modules() if signal.steady)
 WORDS = tuple(word.holds for word in BUILT_IN.values() if isinstance(word.holds, Signal) and word.holds is not idles)
 """Nobody idles in traffic as short as this; the parts of `losses`, by which `idles` is decided, change."""
 SIGNALS: tuple[Signal[Any], ...] = tuple(
@@ -160,93 +158,6 @@ def test_signals_of_blocks_are_those_of_the_whole_run(place: str, size: int) -> 
         for quantity in SIGNALS:
             whole, parts = alone(run, quantity, there, part, block)
             assert np.array_equal(whole, parts, equal_nan=whole.dtype == np.float64), (quantity.work.__name__, part)
-
-
-def test_steady_signal_is_worked_out_again_only_where_a_value_that_it_reads_has_changed() -> None:
-    run, worked_out = traffic("stop4"), []
-
-    @signal
-    def fast(block: Block) -> NDArray[np.bool_]:
-        found: NDArray[np.bool_] = block.need("speed") > 1.0
-        return found
-
-    @signal(steady=True)
-    def fast_at_entrance(block: Block) -> NDArray[np.bool_]:
-        worked_out.append(block.tick)
-        return fast(block) & (block.zone == Zone.ENTRANCE)
-
-    stream, there = Stream(run.junction, run.dt, run.facts), run.agents[:1]
-    stream.recast(there, [None])
-    motion = [
-        (2.0, Zone.APPROACH),
-        (2.5, Zone.APPROACH),
-        (2.6, Zone.APPROACH),
-        (2.7, Zone.ENTRANCE),
-        (2.8, Zone.ENTRANCE),
-        (0.5, Zone.ENTRANCE),
-    ]
-    values = []
-    for speed, zone in motion:
-        block = stream.feed((), np.array([[zone]], dtype=np.int8), run.lights[:1], speed=np.array([[speed]]))
-        values.append(bool(fast_at_entrance(block)[0, 0]))
-    assert values == [False, False, False, True, True, False]
-    assert worked_out == [0, 3, 5]
-
-
-READ_AT_ENTRY = {("kept_by", "speed"), ("no_room", "speed"), ("no_room", "station")}
-"""These steady signals use positions and speeds only in states in which a vehicle enters, and `entered` changes there."""
-
-
-def read_by_steady_signals(signals: Sequence[Signal[Any]], monkeypatch: pytest.MonkeyPatch) -> set[tuple[str, str]]:
-    """Return which steady signals read which arrays themselves, in blocks of one state, without having read `passed` before."""
-    under_evaluation: list[Signal[Any]] = []
-    read: set[tuple[str, str]] = set()
-    value, need = Block.value, Block.need
-
-    def value_of(block: Block, quantity: Signal[Any]) -> Any:
-        under_evaluation.append(quantity)
-        try:
-            return value(block, quantity)
-        finally:
-            under_evaluation.pop()
-
-    def array_of(block: Block, name: str) -> NDArray[np.float64]:
-        if under_evaluation and under_evaluation[-1].steady and not (name == "station" and passed in block.reading):
-            read.add((under_evaluation[-1].work.__name__, name))
-        return need(block, name)
-
-    monkeypatch.setattr(Block, "value", value_of)
-    monkeypatch.setattr(Block, "need", array_of)
-    for place in PLACES:
-        for _, _, block in fed(traffic(place), 1, CARRIED):
-            for quantity in signals:
-                quantity(block)
-    return read
-
-
-def test_no_steady_signal_reads_positions_or_speeds_that_change_in_every_state(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Such a signal would keep an old value in a live monitor, because only the signals that it reads are compared."""
-    assert read_by_steady_signals(STEADY, monkeypatch) == READ_AT_ENTRY
-
-
-def test_steady_signal_that_reads_positions_itself_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
-    @signal(steady=True)
-    def over_line(block: Block) -> NDArray[np.bool_]:
-        over: NDArray[np.bool_] = block.need("station") > 0.0
-        return over
-
-    assert read_by_steady_signals([over_line], monkeypatch) == READ_AT_ENTRY | {("over_line", "station")}
-
-
-def test_steady_signal_is_worked_out_again_where_positions_are_given_from_now_on() -> None:
-    run = traffic("stop4")
-    stream, agent = Stream(run.junction, run.dt, run.facts), run.agents[0]
-    stream.recast([agent], [None])
-    at_line = np.array([[itinerary(run.junction, *agent.way.key).line - 1.0]])
-    zone = np.array([[Zone.APPROACH]], dtype=np.int8)
-    motions: tuple[dict[str, NDArray[np.float64]], ...] = ({}, {}, {"station": at_line, "speed": np.zeros((1, 1))})
-    values = [bool(arrived(stream.feed((arrived,), zone, run.lights[:1], **motion))[0, 0]) for motion in motions]
-    assert values == [False, False, True]
 
 
 @pytest.mark.parametrize("word", [owes, obstructs, idles, blocks, may_go], ids=lambda word: word.work.__name__)

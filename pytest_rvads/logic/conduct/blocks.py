@@ -54,8 +54,6 @@ class Signal(Generic[_Value]):
     """The value for two vehicles that are not in `pairs`, and for a vehicle in a block from which the vehicle is absent."""
     of_entrances: bool = False
     """Whether the columns of the value are about entrances, and not about vehicles or pairs."""
-    steady: bool = False
-    """Whether the value stays the same as long as zones, lights, the carry and all signals that `work` reads stay the same."""
 
     @overload
     def __call__(self, states: Block | Run) -> _Value: ...
@@ -75,7 +73,6 @@ class Signal(Generic[_Value]):
                 return np.concatenate(parts)
             states = blocks[0]
         if not columns:
-            states.reading.append(self)
             return states.values[self] if self in states.values else states.value(self)
         column = None if min(columns) < 0 else self.column(states.cast, columns)
         if column is None:
@@ -111,7 +108,6 @@ def signal(
     needs: Callable[[Block, Sequence[int]], None] | None = ...,
     otherwise: Any = ...,
     of_entrances: bool = ...,
-    steady: bool = ...,
 ) -> Callable[..., Signal[Any]]: ...
 
 
@@ -153,13 +149,6 @@ class Block:
     """Maps a signal whose carry could not be computed on this block to the reason, which is an error if the next block asks."""
     values: dict[Signal[Any], Any] = field(default_factory=dict)
     """The values of the signals that have been computed on this block so far."""
-    earlier: Block | None = None
-    """The block before this block, if both have the same vehicles, the same kinds of arrays and equally many states. A steady
-    signal takes its value from there if its inputs have not changed."""
-    inputs: dict[Signal[Any], tuple[Sequence[Signal[Any]], tuple[NDArray[Any], ...]]] = field(default_factory=dict)
-    """Per steady signal, the signals that its function has read, and the carry that the function was given."""
-    reading: list[Signal[Any]] = field(default_factory=list)
-    """The signals that the function of the signal under evaluation has read so far."""
 
     @property
     def junction(self) -> Junction:
@@ -211,36 +200,12 @@ class Block:
 
     def value(self, signal: Signal[_Value]) -> _Value:
         """Return the value of a signal on this block, computed at the first call."""
-        earlier, carry = self.earlier, self._carry(signal) if signal.start else ()
-        if earlier is not None and signal.steady and self.zone is earlier.zone and self.lights is earlier.lights:
-            # A steady signal has the same value if its inputs are the same.
-            read, previous_carry = earlier.inputs.get(signal, ((), None))
-            same = carry is previous_carry
-            for part in read if same else ():
-                if (self.values[part] if part in self.values else self.value(part)) is not earlier.values[part]:
-                    same = False
-                    break
-            if same:
-                self.inputs[signal] = earlier.inputs[signal]
-                if signal.start:
-                    self.after[signal] = carry
-                unchanged: _Value = earlier.values[signal]
-                self.values[signal] = unchanged
-                return unchanged
-        outer, self.reading = self.reading, []
-        try:
-            result: Any = signal.work(self, *carry)
-        finally:
-            read, self.reading = self.reading, outer
+        carry = self._carry(signal) if signal.start else ()
+        result: Any = signal.work(self, *carry)
         value: _Value = result[0] if signal.start else result
-        after = tuple([track[-1] for track in result[1:]]) if signal.start else ()
-        if earlier is not None:
-            value = unless_equal(value, earlier.values.get(signal))
-        if signal.steady and not self.whole:
-            self.inputs[signal], after = (read, carry), unless_equal(after, carry)
         self.values[signal] = value
         if signal.start:
-            self.after[signal] = after
+            self.after[signal] = tuple([track[-1] for track in result[1:]])
         return value
 
     def _carry(self, signal: Signal[Any]) -> tuple[NDArray[Any], ...]:
@@ -272,18 +237,6 @@ class Block:
         for part, was in zip(fresh, before.after[signal], strict=True):
             part[..., target] = was[..., source]
         return fresh
-
-
-def unless_equal(new: Any, old: Any) -> Any:
-    """Return `old` if `new` has the same content, else `new`, so that a caller sees by identity whether a value has changed."""
-    if isinstance(new, np.ndarray):
-        return old if old is not None and new.dtype.kind in "bi" and new.tobytes() == old.tobytes() else new
-    if isinstance(new, tuple) and old is not None:
-        for part, old_part in zip(new, old, strict=True):
-            if unless_equal(part, old_part) is not old_part:
-                return new
-        return old
-    return new
 
 
 _WORK = 150_000

@@ -121,7 +121,7 @@ def takes_crosswalk(
     return both.first(block.here) & (goes | (meets & came_first)), known, still, came_first
 
 
-@signal(steady=True)
+@signal
 def stepped_on_walk(block: Block) -> NDArray[np.bool_]:
     """Return whether the light of each pedestrian showed green (WALK) when the pedestrian stepped onto the crosswalk."""
     on_walk: NDArray[np.bool_] = (entered(block) <= block.ticks) & (facing(block) == Colour.GREEN)

@@ -144,28 +144,28 @@ def extract(run: Run) -> Static:
     )
 
 
-@signal(steady=True)
+@signal
 def in_junction(block: Block) -> NDArray[np.bool_]:
     """Return whether each vehicle is in the junction (``a@j``), with its reference point on a movement of the junction."""
     inside: NDArray[np.bool_] = block.zone == JUNCTION
     return inside
 
 
-@signal(steady=True)
+@signal
 def at_entrance(block: Block) -> NDArray[np.bool_]:
     """Return whether each vehicle is at its entrance (``a@j.en``)."""
     waiting: NDArray[np.bool_] = block.zone == ENTRANCE
     return waiting
 
 
-@signal(steady=True)
+@signal
 def on_approach(block: Block) -> NDArray[np.bool_]:
     """Return whether each vehicle is on the road to its entrance (``a@r``); the entrance zone is part of the road."""
     approaching: NDArray[np.bool_] = (block.zone == APPROACH) | (block.zone == ENTRANCE)
     return approaching
 
 
-@signal(steady=True)
+@signal
 def on_exit(block: Block) -> NDArray[np.bool_]:
     """Return whether each vehicle is on its exit road (``a@j.ex`` and ``a@r``), which begins with the exit vertex."""
     leaving: NDArray[np.bool_] = block.zone == EXIT
@@ -183,7 +183,7 @@ def speed(block: Block) -> NDArray[np.float64]:
     return block.need("speed")
 
 
-@signal(of_entrances=True, steady=True)
+@signal(of_entrances=True)
 def colour(block: Block) -> NDArray[np.int8]:
     """Return the colour of the light at every entrance, ``lt.cl``."""
     return block.lights

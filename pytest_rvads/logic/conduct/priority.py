@@ -121,7 +121,7 @@ class _Debts(NamedTuple):
     obstructs: NDArray[np.bool_]
 
 
-@signal(pairs=owing, steady=True)
+@signal(pairs=owing)
 def _bound(block: Block) -> NDArray[np.bool_]:
     """Return whether each pair's first vehicle has to give way to the second, and the second is due.
 

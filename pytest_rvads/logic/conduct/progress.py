@@ -96,7 +96,7 @@ def _trails(block: Block) -> NDArray[np.bool_]:
     return trailing
 
 
-@signal(needs=_need_everything, steady=True)
+@signal(needs=_need_everything)
 def may_go(block: Block) -> NDArray[np.bool_]:
     """Return whether each vehicle could go: no light stops it, and it waits for no vehicle, or only in a circle of vehicles.
 

@@ -32,7 +32,7 @@ from pytest_rvads.logic.conduct.standing import (
     stands,
     waited,
 )
-from pytest_rvads.logic.conduct.stretches import Places, ahead_by, contested, contested_places, neighbours, passed, places, roads
+from pytest_rvads.logic.conduct.stretches import Places, ahead_by, contested, contested_places, neighbours, places, roads
 from pytest_rvads.runs.states import Colour
 
 GREEN, YELLOW, RED = int(Colour.GREEN), int(Colour.YELLOW), int(Colour.RED)
@@ -58,7 +58,7 @@ def lights(cast: Cast) -> NDArray[np.bool_]:
     return np.array([lit(cast.junction, agent.entrance) for agent in cast.agents], dtype=np.bool_)
 
 
-@signal(steady=True)
+@signal
 def has_way(block: Block) -> NDArray[np.bool_]:
     """Return whether the light of each vehicle is (or was at its entry) green or yellow, or the vehicle comes to no light."""
     colour = facing(block)
@@ -87,7 +87,7 @@ def _always(cast: Cast) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     return always, near_side
 
 
-@signal(pairs=owing, steady=True)
+@signal(pairs=owing)
 def yields(block: Block) -> NDArray[np.bool_]:
     """Return whether the first vehicle of each pair has to give way to the second, at the present colours of the lights.
 
@@ -102,7 +102,7 @@ def yields(block: Block) -> NDArray[np.bool_]:
     return gives_way
 
 
-@signal(steady=True)
+@signal
 def ready(block: Block) -> NDArray[np.bool_]:
     """Return whether each vehicle is due because it is first at its line, may go, and does not waive its right."""
     due: NDArray[np.bool_] = next_to_go(block) & ~waives(block)
@@ -125,14 +125,14 @@ def comes(block: Block) -> NDArray[np.bool_]:
     return near
 
 
-@signal(steady=True)
+@signal
 def first_at_line(block: Block) -> NDArray[np.bool_]:
     """Return whether each vehicle has arrived at its line and has no vehicle ahead of it in its lane before the junction."""
     at_line: NDArray[np.bool_] = arrived(block)
     return at_line & leads(block) if at_line.any() else at_line
 
 
-@signal(steady=True)
+@signal
 def held(block: Block) -> NDArray[np.bool_]:
     """Return whether each vehicle is held: it has to give way to a vehicle that comes or is first at its line.
 
@@ -171,7 +171,7 @@ def in_turns(cast: Cast) -> Pairs:
     return pairs(cast, lambda agent, other: in_turn(cast.junction, cast.agents[agent].way.key, cast.agents[other].way.key))
 
 
-@signal(pairs=in_turns, steady=True)
+@signal(pairs=in_turns)
 def comes_first(block: Block) -> NDArray[np.bool_]:
     """Return whether each pair's second vehicle goes first, because their movements meet and it came first, see `came_first`."""
     earlier: NDArray[np.bool_] = came_first(block)[:, block.cast.columns(in_turns, everybody)]
@@ -185,7 +185,7 @@ def _on_the_right(cast: Cast) -> NDArray[np.bool_]:
     return np.array(right, dtype=np.bool_)
 
 
-@signal(pairs=everybody, steady=True)
+@signal(pairs=everybody)
 def came_first(block: Block) -> NDArray[np.bool_]:
     """Return whether both vehicles of each pair have arrived, and the second vehicle came first.
 
@@ -200,7 +200,7 @@ def came_first(block: Block) -> NDArray[np.bool_]:
     return earlier
 
 
-@signal(steady=True)
+@signal
 def next_to_go(block: Block) -> NDArray[np.bool_]:
     """Return whether each vehicle is first at its line and has the right to go."""
     green = ~block.cast.static(lights) | (facing(block) == GREEN)
@@ -231,7 +231,7 @@ def waives(block: Block, before: NDArray[np.int64]) -> tuple[NDArray[Any], ...]:
     return count > round(WAIVER / block.dt), count
 
 
-@signal(steady=True)
+@signal
 def gives_up(block: Block) -> NDArray[np.bool_]:
     """Return whether each vehicle waives its right to go first, or has not arrived at its line.
 
@@ -243,14 +243,13 @@ def gives_up(block: Block) -> NDArray[np.bool_]:
     return without_turn
 
 
-@signal(pairs=neighbours, steady=True)
+@signal(pairs=neighbours)
 def _keeps(block: Block) -> NDArray[np.bool_]:
     """Return whether each pair's second vehicle keeps the first vehicle at its line.
 
     The second vehicle is slow and close ahead of the first, or on the stretch that both ways share. A vehicle on the stretch that
     arrived later, or has to give way to the first vehicle, does not keep the first vehicle at its line.
     """
-    passed(block)  # a change of stations matters only if a vehicle has passed an end of a stretch
     cast, both, at = block.cast, block.cast.static(neighbours), block.cast.static(contested_places)
     ahead = both.second(block.need("station"))
     blocking: NDArray[np.bool_] = (
@@ -279,7 +278,7 @@ def close_behind(block: Block) -> NDArray[np.bool_]:
     return near
 
 
-@signal(pairs=neighbours, start=(False,), steady=True)
+@signal(pairs=neighbours, start=(False,))
 def kept_by(block: Block, before: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], ...]:
     """Return whether each pair's second vehicle is slow and close ahead of the first, and was faster when the first entered."""
     both, entry = block.cast.static(neighbours), entered(block)

@@ -77,14 +77,14 @@ def wt(block: Block, before: NDArray[np.int32]) -> tuple[NDArray[np.int32], ...]
     return ticks, ticks
 
 
-@signal(start=(NEVER,), otherwise=NEVER, steady=True)
+@signal(start=(NEVER,), otherwise=NEVER)
 def entered(block: Block, before: NDArray[np.int64]) -> tuple[NDArray[np.int64], ...]:
     """Return, per state, the tick in which each vehicle entered the junction; `NEVER` before the vehicle enters."""
     ticks = np.minimum(np.minimum.accumulate(np.where(block.zone >= JUNCTION, block.ticks, NEVER), axis=0), before)
     return ticks, ticks
 
 
-@signal(start=(0,), steady=True)
+@signal(start=(0,))
 def facing(block: Block, before: NDArray[np.int8]) -> tuple[NDArray[np.int8], ...]:
     """Return the colour of the light at the start of each vehicle's way; after the vehicle's entry, the colour at its entry."""
     colours, entry = block.lights[:, block.cast.entrance], entered(block)
@@ -171,7 +171,7 @@ def in_stop_place(block: Block) -> NDArray[np.bool_]:
     return stops(block)[0]
 
 
-@signal(start=(False, False), steady=True)
+@signal(start=(False, False))
 def stopped(block: Block, had_driven: NDArray[np.bool_], before: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], ...]:
     """Return whether each vehicle has stopped in its stop place, and has since neither entered the junction nor backed out.
 
@@ -192,7 +192,7 @@ class Arrivals(NamedTuple):
     """Tick of the latest arrival of every vehicle so far, -1 before its first arrival, shape ``(steps, agents)``."""
 
 
-@signal(start=(False, -1), steady=True)
+@signal(start=(False, -1))
 def arrivals(block: Block, before: NDArray[np.bool_], last: NDArray[np.int64]) -> tuple[Arrivals, NDArray[Any], NDArray[Any]]:
     """Return the arrivals of the vehicles at the junction, see `Arrivals`.
 
@@ -208,7 +208,7 @@ def arrivals(block: Block, before: NDArray[np.bool_], last: NDArray[np.int64]) -
     return Arrivals(has_arrived, tick), has_arrived, tick
 
 
-@signal(steady=True)
+@signal
 def arrived(block: Block) -> NDArray[np.bool_]:
     """Return whether each vehicle has arrived at its line, see `arrivals`, and has not entered the junction."""
     latest: Arrivals = arrivals(block)

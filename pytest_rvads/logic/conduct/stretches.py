@@ -69,35 +69,6 @@ def meeting(cast: Cast) -> Pairs:
     return pairs(cast, lambda agent, other: shared(cast, agent, other) is not None)
 
 
-@lru_cache(maxsize=4096)
-def _ends_of(junction: Junction, way: Key) -> tuple[float, ...]:
-    """Return the stations at which the stretches that a movement shares begin and end [m]."""
-    stretches = [common.mine for (key, _), common in (junction.stretches or {}).items() if key == way]
-    return tuple({station for part in stretches for station in (part.start, part.end)})
-
-
-def _borders(cast: Cast) -> NDArray[np.float64]:
-    """Return, per vehicle, the stations at which the stretches that its way shares begin and end, in rows of equal length."""
-    rows = [(agent.way.length + LEAVE, *_ends_of(cast.junction, agent.way.key)) for agent in cast.agents]
-    most = max(map(len, rows), default=0)
-    return np.array([(*row, *[math.inf] * (most - len(row))) for row in rows]).reshape(len(rows), most)
-
-
-@signal
-def passed(block: Block) -> tuple[NDArray[np.int64], ...]:
-    """Return how many beginnings and ends of shared stretches each vehicle has passed, with its front and with its rear.
-
-    As long as these numbers stay the same, comparisons of stations with `Places` of any pairs stay the same. A steady signal that
-    makes only such comparisons reads these numbers as its inputs. The result is empty for a run that is known to its end, because
-    its signals are computed only once.
-    """
-    if block.whole:
-        return ()
-    front, borders = block.need("station")[..., None], block.cast.static(_borders)
-    rear = front - block.cast.length[:, None]
-    return (front >= borders).sum(axis=-1), (rear > borders).sum(axis=-1)
-
-
 class Places(NamedTuple):
     """The stations at which the stretches that pairs of vehicles share begin and end, arrays of shape ``(pairs,)`` [m]."""
 
@@ -127,14 +98,9 @@ def places(of: Callable[[Cast], Pairs], common: Callable[[Cast, int, int], Share
 _meeting_places = places(meeting, shared)
 
 
-@signal(pairs=meeting, steady=True)
+@signal(pairs=meeting)
 def _both_there(block: Block) -> NDArray[np.bool_]:
-    """Return whether the bodies of both vehicles of each pair are on a stretch shared by their ways.
-
-    The signal is steady (recomputed only when its inputs change) although it reads stations. Its input `passed` changes whenever
-    a body enters or leaves a stretch.
-    """
-    passed(block)
+    """Return whether the bodies of both vehicles of each pair are on a stretch shared by their ways."""
     cast, both, at = block.cast, block.cast.static(meeting), block.cast.static(_meeting_places)
     front = block.need("station")
     rear = front - cast.length

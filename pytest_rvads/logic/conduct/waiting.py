@@ -32,7 +32,7 @@ from pytest_rvads.logic.conduct.rights import (
     yields,
 )
 from pytest_rvads.logic.conduct.standing import entered, facing, lasting, latched, lines, stands
-from pytest_rvads.logic.conduct.stretches import ahead_by, neighbours, passed, places, roads, shared
+from pytest_rvads.logic.conduct.stretches import ahead_by, neighbours, places, roads, shared
 
 AT_LINE = 5.0
 """Distance to the stopping line below which a vehicle is at its line and may wait for its turn [m]."""
@@ -84,7 +84,7 @@ class _Debts(NamedTuple):
     """Whether the second vehicle has to give way to the first."""
 
 
-@signal(steady=True)
+@signal
 def _debts(block: Block) -> _Debts:
     shape = len(block.zone), len(block.cast.static(partners))
     debts = _Debts(np.zeros(shape, dtype=np.bool_), np.zeros(shape, dtype=np.bool_))
@@ -141,10 +141,9 @@ def lets_walk(block: Block) -> NDArray[np.bool_]:
     return reasons
 
 
-@signal(pairs=partners, steady=True)
+@signal(pairs=partners)
 def lets_pass(block: Block) -> NDArray[np.bool_]:
     """Return whether the first vehicle of each pair has a reason to let the second vehicle pass."""
-    passed(block)  # a change of stations matters only if a vehicle has passed an end of a stretch
     cast, both, at = block.cast, block.cast.static(partners), block.cast.static(_places)
     station, within, apart = block.need("station"), block.zone == JUNCTION, np.isnan(at.begin)
     front, their_front, rear = both.first(station), both.second(station), station - cast.length
@@ -170,7 +169,7 @@ def lets_pass(block: Block) -> NDArray[np.bool_]:
     return reasons
 
 
-@signal(pairs=neighbours, start=(False,), steady=True)
+@signal(pairs=neighbours, start=(False,))
 def no_room(block: Block, before: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], ...]:
     """Return whether each pair's second vehicle left the first vehicle no room when the first entered the junction.
 
@@ -188,7 +187,7 @@ def no_room(block: Block, before: NDArray[np.bool_]) -> tuple[NDArray[np.bool_],
     return blocked, blocked
 
 
-@signal(steady=True)
+@signal
 def _intruders(block: Block) -> NDArray[np.bool_]:
     """Return whether each vehicle is an intruder in the junction.
 
@@ -219,7 +218,7 @@ class Circles(NamedTuple):
     """Which vehicle lets no vehicle pass, and is close behind a vehicle that left no room when this vehicle entered."""
 
 
-@signal(steady=True)
+@signal
 def circles(block: Block) -> Circles:
     """Return which vehicles wait, also in circles, see `Circles`.
 

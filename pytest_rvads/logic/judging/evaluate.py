@@ -141,7 +141,7 @@ def _between(sign: str, left: str, right: str, ticks: int) -> Signal[NDArray[np.
         one, two = both.first(ATTRIBUTES[left].read(block)), both.second(ATTRIBUTES[right].read(block))
         return OPERATORS[sign](one, _seconds(right, two, block.dt))
 
-    return Signal(work, pairs=everybody, steady=True)
+    return Signal(work, pairs=everybody)
 
 
 @lru_cache(maxsize=256)
@@ -164,7 +164,7 @@ def _against(sign: str, attribute: str, constant: float) -> Signal[NDArray[np.bo
     def work(block: Block) -> NDArray[np.bool_]:
         return OPERATORS[sign](_seconds(attribute, ATTRIBUTES[attribute].read(block), block.dt), constant)
 
-    return Signal(work, of_entrances=ATTRIBUTES[attribute].read.of_entrances, steady=True)
+    return Signal(work, of_entrances=ATTRIBUTES[attribute].read.of_entrances)
 
 
 class Part(Mapping[f.Atom, NDArray[np.bool_]]):

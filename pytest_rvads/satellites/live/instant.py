@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.logic.conduct.blocks import Block, Signal, assume, unless_equal
+from pytest_rvads.logic.conduct.blocks import Block, Signal, assume
 from pytest_rvads.logic.conduct.cast import Cast
 from pytest_rvads.logic.conduct.standing import advance, entered, facing, wt
 from pytest_rvads.logic.ltl.ltl3 import Truth
@@ -98,9 +98,6 @@ class Stream:
         """Return the next n states as a block on which the given signals are evaluated."""
         last = self._last
         block = Block(self.cast, zone, lights, self.dt, **arrays, tick=self._tick, previous=last, kept=self._kept)
-        if last is not None and self._kept is None and last.zone.shape == zone.shape and last.given == block.given:
-            block.earlier, last.earlier = last, None
-            block.zone, block.lights = unless_equal(zone, last.zone), unless_equal(lights, last.lights)
         for signal in signals:
             try:
                 signal(block)
