@@ -4,8 +4,8 @@ Runs are values. A verdict depends on what the hash of a run covers, and on noth
 name, route, kind and size of every agent, collisions, `Facts`, fault, excerpt and junction. `Run.provenance` tells where a run
 comes from, and no code that judges reads the provenance. ``collisions=None`` means that collisions were not recorded.
 
-`once` caches the results of functions of a run as long as the run exists, so that all rules that judge the run share the results.
-A cached result must not hold the run, because the circle of references would keep the run in memory.
+A run keeps the results of functions that are called by `once`, so that all rules that judge the run share the results. Such a
+result must not hold the run, because the circle of references would keep the run in memory until the next garbage collection.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
-import weakref
 from collections.abc import Callable, Mapping
 from dataclasses import astuple, dataclass, field, fields
 from functools import cached_property
@@ -208,53 +207,6 @@ class Run:
         return np.arange(self.steps, dtype=np.float64) * np.float64(self.dt)
 
     @cached_property
-    def wt(self) -> NDArray[np.int32]:
-        """Waiting time of every agent in ticks, shape ``(steps, agents)``.
-
-        The waiting time is zero in the first state and outside the entrance zone, and grows by one with every further state in
-        the zone. The waiting time does not restart when the vehicle starts to move inside the zone.
-        """
-        tick = np.arange(self.steps, dtype=np.int32)[:, None]
-        restart = np.where(self.zone == Zone.ENTRANCE, 0, tick)
-        waited = tick - np.maximum.accumulate(restart, axis=0)
-        waited.flags.writeable = False
-        return waited
-
-    @cached_property
-    def entered(self) -> NDArray[np.int64]:
-        """First tick of every agent in the junction or beyond, shape ``(agents,)``; the number of states if it never enters."""
-        beyond = self.zone >= Zone.JUNCTION
-        ticks = np.where(beyond.any(axis=0), beyond.argmax(axis=0), self.steps)
-        ticks.flags.writeable = False
-        return ticks
-
-    @cached_property
-    def facing(self) -> NDArray[np.int8]:
-        """Colour of the light at each agent's entrance, frozen once the agent has entered, shape ``(steps, agents)``."""
-        colours = self.lights[:, [agent.entrance for agent in self.agents]]
-        tick = np.minimum(np.arange(self.steps)[:, None], self.entered)
-        faced: NDArray[np.int8] = np.take_along_axis(colours, tick, axis=0)
-        faced.flags.writeable = False
-        return faced
-
-    @cached_property
-    def advance(self) -> NDArray[np.float64]:
-        """Speed of every agent along its itinerary, shape ``(steps, agents)`` [m/s]; negative when the agent reverses.
-
-        The value in the first state of an agent is the agent's recorded speed.
-
-        Raises:
-            RunError: the run does not record positions and speeds.
-        """
-        station = self.need("station")
-        rate = np.vstack((self.need("speed")[:1], np.diff(station, axis=0) / self.dt))
-        begin = self.spans[:, 0]
-        late = np.flatnonzero(begin)
-        rate[begin[late], late] = self.need("speed")[begin[late], late]
-        rate.flags.writeable = False
-        return rate
-
-    @cached_property
     def hash(self) -> str:
         """SHA-256 over states, collisions, fault, agents, facts, excerpt and junction; equal hashes mean equal verdicts."""
         sha = hashlib.sha256()
@@ -273,6 +225,11 @@ class Run:
         if self.spread is not None:
             sha.update(np.ascontiguousarray(self.spread).tobytes())
         return sha.hexdigest()
+
+    @cached_property
+    def _results(self) -> dict[object, Any]:
+        """The results of functions of this run, see `once`."""
+        return {}
 
     @property
     def start(self) -> float:
@@ -329,26 +286,17 @@ class Run:
 
 
 _Result = TypeVar("_Result")
-_RESULTS: dict[int, dict[object, Any]] = {}
-"""The results of every run by the id of the run, deleted with the run."""
 
 
 def once(run: Run, work: Callable[..., _Result], *columns: int) -> _Result:
     """Return the result of `work` on a run, or on agents of the run, given by column; the result is cached with the run."""
-    results, key = _results_of(run), (work, columns)
-    if key not in results:
-        results[key] = work(run, *columns)
-    result: _Result = results[key]
+    key = work, columns
+    if key not in run._results:
+        run._results[key] = work(run, *columns)
+    result: _Result = run._results[key]
     return result
 
 
 def given(run: Run, work: Callable[[Run], _Result], result: _Result) -> None:
     """Store a result of `work` on a run, so that `once` returns this result instead of calling `work`."""
-    _results_of(run)[work, ()] = result
-
-
-def _results_of(run: Run) -> dict[object, Any]:
-    if id(run) not in _RESULTS:
-        _RESULTS[id(run)] = {}
-        weakref.finalize(run, _RESULTS.pop, id(run)).atexit = False
-    return _RESULTS[id(run)]
+    run._results[work, ()] = result

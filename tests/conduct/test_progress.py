@@ -18,7 +18,7 @@ from pytest_rvads.logic.conduct.progress import (
     may_go,
 )
 from pytest_rvads.logic.conduct.rights import PACE, comes_first
-from pytest_rvads.logic.conduct.standing import inside
+from pytest_rvads.logic.conduct.standing import facing, inside
 from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, Zone
@@ -338,7 +338,7 @@ def test_blocked_vehicle_with_green_is_excused_by_the_vehicle_that_entered_on_re
     both = common[(0, 2), (1, 3)]
     stop_there = [(0, 5.0), (400, 0.0)]
     run = drive("light4", {0: (2, both.mine.start - 19.0, stop_there), 1: (2, both.yours.start - 19.0, stop_there)}, 1600, CROSS)
-    assert (run.facing[500] == [G, R]).all()
+    assert (facing(run)[500] == [G, R]).all()
     assert not may_go(run, 0)[500]
     assert may_go(run, 1)[500]
     assert status(run, "progress") == ("FAIL", ("a1",))
@@ -350,7 +350,7 @@ def test_blocked_vehicles_that_entered_on_red_are_not_excused(drive: Make) -> No
     run = drive(
         "light4", {0: (2, both.mine.start - 19.0, stop_there), 1: (2, both.yours.start - 19.0, stop_there)}, 1600, ALL_RED
     )
-    assert (run.facing[500] == R).all()
+    assert (facing(run)[500] == R).all()
     assert status(run, "progress") == ("FAIL", ("a0", "a1"))
 
 
@@ -363,7 +363,7 @@ def test_vehicle_that_came_in_on_the_way_of_a_vehicle_with_priority(drive: Make,
     both = stretches("yield4")[(2, 0), (3, 2)]
     head, tail = [(0, 0.0), (start, 5.0), (start + 400, 0.0)], [(0, 5.0), (400, 0.0)]
     run = drive("yield4", {2: (2, both.mine.start - 19.0, tail), 3: (3, both.yours.start - 19.0, head)}, 2000)
-    assert (run.entered * run.dt).tolist() == pytest.approx([2.8, 1.4 + start / 100], abs=0.02)
+    assert [run.entry(column) for column in range(2)] == pytest.approx([2.8, 1.4 + start / 100], abs=0.02)
     assert [status(run, rule) for rule in ("progress", "keep_clear")] == [("FAIL", blamed)] * 2
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from pytest_rvads.geometry.turns import Turn
+from pytest_rvads.logic.conduct.standing import wt
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.states import Colour, Zone
 
@@ -43,7 +44,7 @@ def _worst(statuses: list[str]) -> str:
 
 def judge(run: Run) -> dict[str, str]:
     """Status of every rule that is about this kind of junction."""
-    zone, wt = run.zone, run.wt
+    zone, waits = run.zone, wt(run)
     at = zone == Zone.ENTRANCE
     inside = zone == Zone.JUNCTION
     agents = range(len(run.agents))
@@ -55,8 +56,8 @@ def judge(run: Run) -> dict[str, str]:
         found["p2"], found["p3"] = [], []
         for a, b in permutations(agents, 2):
             if (entrance[a], entrance[b]) in run.junction.right_of:
-                found["p2"].append(_until(at[:, a] & at[:, b] & (wt[:, a] == wt[:, b]), at[:, b], inside[:, a], True))
-            found["p3"].append(_until(at[:, a] & at[:, b] & (wt[:, a] < wt[:, b]), at[:, a], inside[:, b], True))
+                found["p2"].append(_until(at[:, a] & at[:, b] & (waits[:, a] == waits[:, b]), at[:, b], inside[:, a], True))
+            found["p3"].append(_until(at[:, a] & at[:, b] & (waits[:, a] < waits[:, b]), at[:, a], inside[:, b], True))
     else:
         red = [run.lights[:, e] == Colour.RED for e in entrance]
         green = [run.lights[:, e] == Colour.GREEN for e in entrance]

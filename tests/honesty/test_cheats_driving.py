@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import pytest_rvads as rvads
+from pytest_rvads.logic.conduct.standing import entered
 from tools.crossings import Layout, opendrive
 
 from .cases import Case, at
@@ -171,7 +172,7 @@ def test_however_slow_rolling_is_no_stop(case: float) -> None:
         lambda _: True, lambda seen: math.sqrt(case**2 + max(-1.2 - seen.me.station, 0.0)) if seen.me.station < 0.2 else 5.0
     )
     run = Case(ALONE, slow, {}).run()
-    assert run.need("speed")[run.entered[0], 0] == pytest.approx(case, abs=0.04)
+    assert run.need("speed")[entered(run)[-1, 0], 0] == pytest.approx(case, abs=0.04)
     assert Case(ALONE, slow, {}).told(run) == {"full_stop": "FAIL a0"}
 
 

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest_rvads as rvads
+from pytest_rvads.logic.conduct.standing import entered
 from pytest_rvads.runs.states import Colour
 
 from .byhand import GREEN, joined
@@ -31,7 +32,7 @@ def test_entering_on_yellow_is_not_looked_at(drive: Make) -> None:
     """Yellow comes 20 m before the line at 10 m/s: to stop there takes 2.5 m/s^2."""
     lights = {0: [(0, Colour.GREEN), (100, Colour.YELLOW)], 2: [(0, Colour.GREEN), (100, Colour.YELLOW)]}
     run = drive("light4", {0: (2, -30.0, [(0, 10.0)])}, 700, lights, subject="a0")
-    assert run.lights[run.entered[0], 0] == Colour.YELLOW
+    assert run.lights[entered(run)[-1, 0], 0] == Colour.YELLOW
     assert "red" not in kept(run)
 
 

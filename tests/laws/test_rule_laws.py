@@ -50,7 +50,7 @@ def again(run: Run, counts: list[int]) -> Run:
     """Repeat state k of a run ``counts[k]`` times, its waiting times included."""
     longer = Run(run.label, run.junction, run.agents, np.repeat(run.zone, counts, axis=0), np.repeat(run.lights, counts, axis=0))
     (block,) = as_blocks(longer, longer.steps)
-    block.values[wt] = np.repeat(run.wt, counts, axis=0)
+    block.values[wt] = np.repeat(wt(run), counts, axis=0)
     assume(longer, block)
     return longer
 
@@ -125,7 +125,7 @@ class _Everything(dict):  # type: ignore[type-arg]
                 turned = run.agents[agent.index].turn == direction.name
                 return here[0] and any(inside[i] and turned and all(here[:i]) for i in range(len(here)))
             case "=", (f.Attr(f.Element() as one, "wt"), f.Attr(f.Element() as two, "wt")):
-                return bool(run.wt[k, one.index] == run.wt[k, two.index])
+                return bool(wt(run)[k, one.index] == wt(run)[k, two.index])
             case "=", (f.Attr(f.Element() as light, "cl"), word):
                 return Colour(int(run.lights[k, light.index])).name.lower() == word.name
         raise AssertionError(atom)
@@ -184,7 +184,7 @@ def test_p3_by_its_meaning(run: Run) -> None:
     found = {"NA"}
     for a in range(len(run.agents)):
         for b in range(len(run.agents)):
-            met = np.flatnonzero(at[:, a] & at[:, b] & (run.wt[:, a] < run.wt[:, b]))
+            met = np.flatnonzero(at[:, a] & at[:, b] & (wt(run, a) < wt(run, b)))
             if a == b or not len(met):
                 continue
             left = next((k for k in range(met[0], STEPS) if not at[k, a]), None)

@@ -9,6 +9,7 @@ import pytest
 
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.conduct.blame import cause_of
+from pytest_rvads.logic.conduct.standing import entered
 from pytest_rvads.logic.conduct.stretches import shared
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.run import Collision, Facts, Run
@@ -214,7 +215,7 @@ def test_without_a_subject_nothing_is_provoked(drive: Make) -> None:
 def test_vehicle_without_time_to_react_is_not_blamed(drive: Make, before: int, provoked: bool) -> None:
     """a1 runs the stop sign; a0, the subject, had stopped and enters some ticks later, for which p1 holds it responsible."""
     run = drive("stop4", {1: through(2, 10.0), 0: wait(2, 95 + before, 10.0)}, 600, **subject(0))
-    assert int(run.entered[1] - run.entered[0]) == before
+    assert entered(run)[-1, 1] - entered(run)[-1, 0] == before
     verdict = check(run, "p1")
     assert verdict.responsible == (("a1", "a0") if before == 0 else ("a0",)), "as the rule has it"
     assert (verdict.status, verdict.provoked) == ("FAIL", provoked)

@@ -12,6 +12,7 @@ import pytest
 from pytest_rvads.geometry.control import JunctionControl, Sign
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.conduct.kpis import kpis
+from pytest_rvads.logic.conduct.standing import wt
 from pytest_rvads.logic.conduct.validate import validate
 from pytest_rvads.runs.readers import read_recorded
 from pytest_rvads.runs.states import Colour, Kind, Zone
@@ -98,7 +99,7 @@ def test_a_run_is_decoded(tmp_path: Path) -> None:
     assert junction.opposite == {(1, 0), (0, 1)}
     zones = [Zone.APPROACH] * 10 + [Zone.ENTRANCE] * 20 + [Zone.JUNCTION] * 30 + [Zone.EXIT] * 40
     assert run.zone[:, 0].tolist() == zones
-    assert run.wt[30 - 1, 0] == 20
+    assert wt(run, 0)[30 - 1] == 20
     assert not run.lights.any()
     assert (run.station, run.speed, run.pose) == (None, None, None)
 

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pytest_rvads.geometry.finder import find
+from pytest_rvads.logic.conduct.standing import wt
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.states import STEADY, Agent, Colour, SignalPlan, Vehicle, Zone
@@ -123,12 +124,12 @@ def test_between_looks_at_the_lights_no_colour_changes(count: int) -> None:
 @given(st.lists(st.lists(st.integers(0, 4), min_size=2, max_size=2), min_size=1, max_size=60))
 @settings(derandomize=True, deadline=None)
 def test_waiting_counts_ticks_at_the_entrance(zones: list[list[int]]) -> None:
-    wt = run_of(zones).wt
+    waits = wt(run_of(zones))
     for column in range(2):
         expected = 0
         for tick, row in enumerate(zones):
             expected = expected + 1 if tick and row[column] == Zone.ENTRANCE else 0
-            assert wt[tick, column] == expected
+            assert waits[tick, column] == expected
 
 
 def test_the_hash_tells_runs_apart() -> None:

@@ -36,7 +36,7 @@ from pytest_rvads.logic.conduct.on_foot import Places, claims, places_of, walker
 from pytest_rvads.logic.conduct.priority import HEADWAY, MIN_GAP, WINDOW, brakes_hard, owes, unhindered
 from pytest_rvads.logic.conduct.progress import idles, may_go
 from pytest_rvads.logic.conduct.rights import comes_first
-from pytest_rvads.logic.conduct.standing import STANDSTILL, stopped
+from pytest_rvads.logic.conduct.standing import NEVER, STANDSTILL, entered, facing, stopped
 from pytest_rvads.logic.conduct.stretches import contested, shared
 from pytest_rvads.logic.conduct.waiting import waits_to_cross
 from pytest_rvads.runs.run import Collision, Run
@@ -132,7 +132,8 @@ def _of_walker(run: Run, vehicle: int, walker: int, tick: int, place: float, com
             before = np.flatnonzero(~comes[:tick])
             since = int(before[-1]) + 1 if len(before) else 0
         else:  # on the crosswalk without a claim
-            since = min(int(run.entered[walker]), tick)
+            since = _entry(run, walker, tick)
+            since = tick if since is None else since
         station, speed = run.need("station")[:, vehicle], run.need("speed")[:, vehicle]
         stood = ((np.abs(speed) <= STANDSTILL) & (station < place))[since : tick + 1].any()
         noticed = max(since + round(REACTION / run.dt), int(run.spans[vehicle, 0]))  # before, a recorded vehicle can be absent
@@ -140,7 +141,7 @@ def _of_walker(run: Run, vehicle: int, walker: int, tick: int, place: float, com
             fault = f"drove on though it could have stopped for {person}"
     if not fault and (hiding := _hurried_past(run, vehicle, walker, place, tick)):
         fault = f"drove faster than {MODERATE:g} m/s past {hiding}, which hid {person}"
-    if run.facing[tick, walker] in (Colour.YELLOW, Colour.RED):  # an unrecorded light is no reason
+    if facing(run, walker)[tick] in (Colour.YELLOW, Colour.RED):  # an unrecorded light is no reason
         against = "had stepped onto the crosswalk against its light"
         share = f"share the blame: {person} {against}, and {driver} {fault}"
         return Cause((person, driver), share) if fault else Cause((person,), against)
@@ -180,8 +181,8 @@ def _hurried_past(run: Run, vehicle: int, walker: int, place: float, tick: int) 
 
 def surprised(run: Run, agent: int, other: int, tick: int) -> bool:
     """Return whether `other` lacked the right of way and entered at most `REACTION` before it met `agent` in the junction."""
-    entered = _entered(run, other, tick)
-    if entered is None or (tick - entered) * run.dt > REACTION:
+    entry = _entry(run, other, tick)
+    if entry is None or (tick - entry) * run.dt > REACTION:
         return False
     for asks, _ in _RIGHTS:
         guilty = [i for i, whom in ((agent, other), (other, agent)) if asks(run, i, whom, tick)]
@@ -276,42 +277,42 @@ def _on_red(run: Run, agent: int, _other: int, tick: int) -> bool:
 
     A turn to the near side (right, where traffic keeps right) after a full stop does not count, unless a sign forbids this turn.
     """
-    entered = _entered(run, agent, tick)
-    if entered is None or run.facing[entered, agent] != Colour.RED or entered == run.spans[agent, 0]:
+    entry = _entry(run, agent, tick)
+    if entry is None or facing(run, agent)[entry] != Colour.RED or entry == run.spans[agent, 0]:
         return False
     who = run.agents[agent]
-    return not run.junction.turns_on_red(who.entrance, who.turn) or not _had_stopped(run, agent, entered)
+    return not run.junction.turns_on_red(who.entrance, who.turn) or not _had_stopped(run, agent, entry)
 
 
 def _past_the_sign(run: Run, agent: int, _other: int, tick: int) -> bool:
-    entered = _entered(run, agent, tick)
+    entry = _entry(run, agent, tick)
     sign = run.junction.starts[run.agents[agent].entrance].sign
-    return sign is Sign.STOP and entered is not None and not _had_stopped(run, agent, entered)
+    return sign is Sign.STOP and entry is not None and not _had_stopped(run, agent, entry)
 
 
-def _had_stopped(run: Run, agent: int, entered: int) -> bool:
+def _had_stopped(run: Run, agent: int, entry: int) -> bool:
     """Return whether an agent stopped fully before it entered the junction; True if the run does not record enough to decide."""
-    unseen = run.speed is None or run.station is None or entered == run.spans[agent, 0]
-    return unseen or bool(stopped(run, agent)[entered - 1])
+    unseen = run.speed is None or run.station is None or entry == run.spans[agent, 0]
+    return unseen or bool(stopped(run, agent)[entry - 1])
 
 
 def _out_of_turn(run: Run, agent: int, other: int, tick: int) -> bool:
     """Return whether `agent` entered an all-way stop when it was the turn of `other`, and `other` waited for no third vehicle."""
-    entered = _entered(run, agent, tick)
-    if run.junction.control is not JunctionControl.STOP or not entered:
+    entry = _entry(run, agent, tick)
+    if run.junction.control is not JunctionControl.STOP or not entry:
         return False
     bystanders = (k for k in range(len(run.agents)) if k not in (agent, other))
-    held = any(comes_first(run, other, k)[entered - 1] for k in bystanders)
-    return bool(comes_first(run, agent, other)[entered - 1]) and not held
+    held = any(comes_first(run, other, k)[entry - 1] for k in bystanders)
+    return bool(comes_first(run, agent, other)[entry - 1]) and not held
 
 
 def _took_the_way(run: Run, agent: int, other: int, tick: int) -> bool:
     """Return whether `agent` entered the junction, or drove on in the junction, while it had to give way to `other`."""
-    entered = _entered(run, agent, tick)
-    if entered is None:
+    entry = _entry(run, agent, tick)
+    if entry is None:
         return False
     try:
-        return bool(owes(run, agent, other)[max(entered - 1, 0) : tick + 1].any())
+        return bool(owes(run, agent, other)[max(entry - 1, 0) : tick + 1].any())
     except RunError:
         return False
 
@@ -350,14 +351,14 @@ def _braked_for_nothing(run: Run, agent: int, tick: int) -> bool:
 
 
 def _last(run: Run, agent: int, other: int, tick: int) -> bool:
-    entry, other_entry = _entered(run, agent, tick), _entered(run, other, tick)
+    entry, other_entry = _entry(run, agent, tick), _entry(run, other, tick)
     return entry is not None and (other_entry is None or entry > other_entry)
 
 
-def _entered(run: Run, agent: int, tick: int) -> int | None:
+def _entry(run: Run, agent: int, tick: int) -> int | None:
     """Return the first tick of the agent in the junction; None if the agent enters after `tick` or never."""
-    entered = int(run.entered[agent])
-    return entered if entered <= tick and entered < run.steps else None
+    entry = int(entered(run, agent)[: tick + 1].min(initial=NEVER))
+    return None if entry == NEVER else entry
 
 
 _RIGHTS: tuple[tuple[_Asks, str], ...] = (

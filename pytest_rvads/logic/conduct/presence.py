@@ -122,7 +122,7 @@ def cut_off(run: Run) -> bool:
 
 def crossed(run: Run) -> bool:
     """Return whether the run shows a crossing: a vehicle entered the junction, and the run is not `cut_off`."""
-    return bool((run.entered < run.steps).any()) and not cut_off(run)
+    return bool((run.zone >= Zone.JUNCTION).any()) and not cut_off(run)
 
 
 def without_jumps(run: Run) -> Run:

@@ -71,7 +71,11 @@ NEVER = int(np.iinfo(np.int64).max)
 
 @signal(start=(0,))
 def wt(block: Block, before: NDArray[np.int32]) -> tuple[NDArray[np.int32], ...]:
-    """Return the waiting time of each vehicle in ticks, see `Run.wt`."""
+    """Return the waiting time of each vehicle in ticks.
+
+    The waiting time is zero in the first state and outside the entrance zone, and grows by one with every further state in the
+    zone. The waiting time does not restart when the vehicle starts to move inside the zone.
+    """
     # The first state of a run adds nothing to a waiting time.
     ticks = lasting(block.zone == ENTRANCE, before - (block.tick == 0)).astype(np.int32)
     return ticks, ticks
@@ -96,7 +100,7 @@ def facing(block: Block, before: NDArray[np.int8]) -> tuple[NDArray[np.int8], ..
 
 @signal(start=(np.nan,), otherwise=np.nan)
 def advance(block: Block, before: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-    """Return the progress of each vehicle along its way, see `Run.advance` [m/s]; in the vehicle's first state, its speed."""
+    """Return the progress of each vehicle along its way, negative when it reverses [m/s]; in its first state, its speed."""
     station = block.need("station")
     rate = (station - np.concatenate((before[None], station[:-1]))) / block.dt
     return np.where(np.isnan(rate), block.need("speed"), rate), station

@@ -176,7 +176,7 @@ class _Word:
             present = (self._times >= begin) & (self._times < end)
             self._zone[present, agent] = np.searchsorted(crossed, self._times[present], side="right")
             at = self._zone[:, agent] == Zone.ENTRANCE
-            # As in `Run.wt`, the waiting time is 1 in the first state at the entrance, but 0 in the first state of the run.
+            # As in `wt`, the waiting time is 1 in the first state at the entrance, but 0 in the first state of the run.
             arrived = crossed[0] or 1
             self._waited[at, agent] = self._times[at] - arrived + 1
             self._arrived.append(arrived)

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from pytest_rvads.logic.conduct.standing import wt
 from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.judging.judge import asked
 from pytest_rvads.logic.judging.judgement import Judgement, Near, Template
@@ -191,7 +192,7 @@ def _arrival(run: Run, e: f.Element, tick: int, waiting: tuple[f.Element, ...]) 
         last = int(ticks[-1])
         away = np.flatnonzero(run.zone[:last, e.index] != Zone.ENTRANCE)
         arrived = int(away[-1]) + 1 if len(away) else 0
-        text += f"   arrived {clock(run, arrived)} s, waited {int(run.wt[last, e.index]) * run.dt:.2f} s"
+        text += f"   arrived {clock(run, arrived)} s, waited {int(wt(run, e.index)[last]) * run.dt:.2f} s"
     if e in waiting or len(waiting) != 1:
         return text
     waiting_entrance = run.agents[waiting[0].index].entrance

@@ -118,7 +118,7 @@ def test_pedestrian_is_recorded_from_sidewalk_to_sidewalk_and_absent_elsewhere(s
     here, times = run.zone[:, column] != Zone.ABSENT, run.start + run.times
     assert times[here][[0, -1]] == pytest.approx(track.times[[0, -1]], abs=0.011)
     assert np.isnan(run.station[~here, column]).all()
-    assert times[run.entered[column]] == pytest.approx((10.0 - 0.3) / PACE, abs=0.011)  # the front crosses the kerb
+    assert run.start + run.entry(column) == pytest.approx((10.0 - 0.3) / PACE, abs=0.011)  # the front crosses the kerb
 
 
 COURSES: dict[str, tuple[list[tuple[float, float, float]], list[str]]] = {
