@@ -10,6 +10,7 @@ import math
 
 from pytest_rvads.drivers.interface import Autopilot, Control, Observation
 from pytest_rvads.drivers.way_ahead import EASE, AxlePath, Track, axle_path, track
+from pytest_rvads.geometry.segment import Piece
 from pytest_rvads.runs.states import GRAVITY, Vehicle, VehicleState
 
 _GAIN = 4.0
@@ -48,7 +49,7 @@ class Follower(Autopilot):
     """The planned path of the rear axle if the itinerary has a narrow bend; None if the rear axle follows the itinerary."""
     _axle = 0.0
     """Distance of the rear axle along its planned path in the step before [m]."""
-    _piece = (math.inf, -math.inf, 0.0, 0.0, 0.0, 0.0, 0.0)
+    _piece = Piece(math.inf, -math.inf, 0.0, 0.0, 0.0, 0.0, 0.0)
     """The piece of the itinerary to which the vehicle steers, kept because the piece stays the same for many steps."""
 
     def target_speed(self, seen: Observation) -> float:
@@ -137,11 +138,11 @@ class Follower(Autopilot):
             self._steering = math.atan(wheelbase * bend)
             return self._steering
         path, aim = seen.itinerary.path, me.station - back + lookahead(me.speed) + seen.itinerary.origin
-        start, end, x, y, ux, uy, _ = self._piece
-        if not start <= aim < end:
-            self._piece = start, _, x, y, ux, uy, _ = path.piece(aim)
-        aim -= start
-        self._steering = steering = pursue(me, back, wheelbase, x + aim * ux, y + aim * uy)
+        piece = self._piece
+        if not piece.start <= aim < piece.end:
+            self._piece = piece = path.piece(aim)
+        aim -= piece.start
+        self._steering = steering = pursue(me, back, wheelbase, piece.x + aim * piece.ux, piece.y + aim * piece.uy)
         return steering
 
 
