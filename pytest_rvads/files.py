@@ -2,8 +2,7 @@
 
 from pytest_rvads.logic.rules.book import load_rules
 from pytest_rvads.runs.readers import read_recorded, read_runs
-from pytest_rvads.runs.recordingfile import load_recording, save_recording
-from pytest_rvads.runs.runfile import load_run, save_run
+from pytest_rvads.runs.runfile import load_recording, load_run, save_recording, save_run
 from pytest_rvads.satellites.openscenario.run_export import export_run
 from pytest_rvads.satellites.openscenario.scenario_xosc import load_scenario, save_scenario
 from pytest_rvads.satellites.tracks.importing import read_tracks

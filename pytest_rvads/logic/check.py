@@ -21,10 +21,9 @@ from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.geometry.crosswalks import Crossing
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.conduct.blame import cut_short_by
-from pytest_rvads.logic.conduct.predicates import extract
-from pytest_rvads.logic.conduct.presence import cut_off, on_each_way, without_jumps
 from pytest_rvads.logic.conduct.rights import held
 from pytest_rvads.logic.conduct.standing import drives
+from pytest_rvads.logic.conduct.static_model import cut_off, extract, on_each_way, without_jumps
 from pytest_rvads.logic.conduct.validate import damage
 from pytest_rvads.logic.judging.attribution import Cycle, by_walkers, find_cycle, is_about, unavoidable, waits
 from pytest_rvads.logic.judging.instances import Prepared, Template, prepare

@@ -18,14 +18,12 @@ from pytest_rvads.geometry.segment import Segment
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.geometry.ways import Entrance, Movement
 from pytest_rvads.logic.check import check
-from pytest_rvads.logic.conduct.cast import Ground, ground_of
 from pytest_rvads.logic.conduct.lane import wrong_lanes
-from pytest_rvads.logic.conduct.predicates import extract
 from pytest_rvads.logic.conduct.priority import owes
-from pytest_rvads.logic.conduct.progress import may_go
-from pytest_rvads.logic.conduct.rights import comes_first
+from pytest_rvads.logic.conduct.rights import Ground, comes_first, ground_of
 from pytest_rvads.logic.conduct.standing import stopped
-from pytest_rvads.logic.conduct.waiting import due
+from pytest_rvads.logic.conduct.static_model import extract
+from pytest_rvads.logic.conduct.waiting import due, may_go
 from pytest_rvads.logic.judging.instances import prepare
 from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.logic.rules.book import get_rule, rules_for

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from pytest_rvads.logic.check import check
-from pytest_rvads.logic.conduct.predicates import extract
+from pytest_rvads.logic.conduct.static_model import extract
 from pytest_rvads.logic.judging.attribution import find_cycle
 from pytest_rvads.logic.judging.instances import prepare
 from pytest_rvads.logic.judging.judge import Values

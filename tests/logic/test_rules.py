@@ -10,7 +10,7 @@ import pytest
 
 from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.logic.check import check
-from pytest_rvads.logic.conduct.predicates import extract
+from pytest_rvads.logic.conduct.static_model import extract
 from pytest_rvads.logic.judging.instances import domain, ground, prepare, simplify, unfold
 from pytest_rvads.logic.judging.judge import Values
 from pytest_rvads.logic.ltl import formula as f

@@ -90,7 +90,7 @@ def reverses(block: Block) -> NDArray[np.bool_]:
 ''',
             "pytest_rvads/logic/rules/lexicon.py": (
                 (
-                    "from pytest_rvads.logic.conduct.progress import blocks, idles, may_go, on_crosswalk, stands_on_crosswalk\n",
+                    "from pytest_rvads.logic.ltl import formula as f\n",
                     "from pytest_rvads.logic.conduct.reversing import reverses\n",
                 ),
                 (

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pytest_rvads.logic.check import check
-from pytest_rvads.logic.conduct import predicates
-from pytest_rvads.logic.conduct.presence import near, together
+from pytest_rvads.logic.conduct import static_model
 from pytest_rvads.logic.conduct.standing import stopped
+from pytest_rvads.logic.conduct.static_model import near, together
 from pytest_rvads.logic.conduct.validate import validate
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.runs import periods
@@ -93,7 +93,7 @@ def test_vehicles_near_together_yield_every_violation(choices: Choices, later: i
     )
     for rule in concerning(few):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(predicates, "together", lambda _run: everybody)
+            patch.setattr(static_model, "together", lambda _run: everybody)
             wanted = instances(all_present, rule)
         found = instances(few, rule)
         decided = {key: told for key, told in wanted.items() if told["status"] in ("FAIL", "OPEN")}

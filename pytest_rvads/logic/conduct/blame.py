@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,19 +30,27 @@ from numpy.typing import NDArray
 from pytest_rvads.geometry.control import JunctionControl, Sign
 from pytest_rvads.geometry.crosswalks import MODERATE, Crossing
 from pytest_rvads.geometry.line_of_sight import crosses
-from pytest_rvads.logic.conduct.blocks import tick_of
-from pytest_rvads.logic.conduct.cast import Cast, Cause, may_owe
+from pytest_rvads.logic.conduct.blocks import Cast, tick_of
 from pytest_rvads.logic.conduct.lane import off_lane
-from pytest_rvads.logic.conduct.on_foot import Places, claims, places_of, walkers
 from pytest_rvads.logic.conduct.priority import HEADWAY, MIN_GAP, WINDOW, brakes_hard, owes, unhindered
-from pytest_rvads.logic.conduct.progress import idles, may_go
-from pytest_rvads.logic.conduct.rights import comes_first
+from pytest_rvads.logic.conduct.rights import comes_first, may_owe
 from pytest_rvads.logic.conduct.standing import NEVER, STANDSTILL, entered, facing, stands, stopped
-from pytest_rvads.logic.conduct.stretches import contested, shared
-from pytest_rvads.logic.conduct.waiting import waits_to_cross
+from pytest_rvads.logic.conduct.stretches import CrosswalkPlaces, claims, contested, places_of, shared, walkers
+from pytest_rvads.logic.conduct.waiting import idles, may_go, waits_to_cross
 from pytest_rvads.runs.run import Collision, Run
 from pytest_rvads.runs.states import Colour, Zone
 from pytest_rvads.support.errors import RunError
+
+
+@dataclass(frozen=True, slots=True)
+class Cause:
+    """The vehicles to blame for a collision or meeting, and the reason."""
+
+    agents: tuple[str, ...]
+    """The name of the vehicle to blame, or both names if both vehicles share the blame."""
+    reason: str
+    """What the vehicle did, as a phrase that follows the name of the vehicle: ``"had entered on red"``."""
+
 
 STOOD = 0.5
 """Least time that a vehicle stands still before an impact to count as a standing vehicle [s]."""
@@ -110,7 +119,7 @@ def disregard_at_kerb(run: Run, vehicle: int, walker: int, tick: int) -> Cause |
     return places and _of_walker(run, vehicle, walker, tick, places.begin[0], comes)
 
 
-def _crossed(run: Run, vehicle: int, walker: int) -> Places | None:
+def _crossed(run: Run, vehicle: int, walker: int) -> CrosswalkPlaces | None:
     """Return where a vehicle meets a pedestrian whose crossing it drives over; None for two other agents."""
     cast = Cast(run.junction, [run.agents[vehicle], run.agents[walker]], run.facts)
     return cast.static(places_of) if cast.crossing.any() and (0, 1) in cast.static(walkers).column else None

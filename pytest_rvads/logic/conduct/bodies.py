@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.logic.conduct.blocks import ABSENT, Block, as_blocks, signal, sized
-from pytest_rvads.logic.conduct.cast import Cast, Pairs
+from pytest_rvads.logic.conduct.blocks import ABSENT, Block, Cast, Pairs, as_blocks, signal, sized
 from pytest_rvads.runs.run import Collision, Run, once
 
 _Size = float | NDArray[np.float64]

@@ -19,10 +19,8 @@ from numpy.typing import NDArray
 from pytest_rvads.geometry.conflicts import Shared
 from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.turns import Turn
-from pytest_rvads.logic.conduct.blocks import ENTRANCE, JUNCTION, Block, signal, sized
+from pytest_rvads.logic.conduct.blocks import ENTRANCE, JUNCTION, Block, Cast, signal, sized
 from pytest_rvads.logic.conduct.bodies import collide, couples
-from pytest_rvads.logic.conduct.cast import Cast
-from pytest_rvads.logic.conduct.on_foot import walkers
 from pytest_rvads.logic.conduct.rights import (
     GREEN,
     comes,
@@ -38,7 +36,7 @@ from pytest_rvads.logic.conduct.rights import (
     yields,
 )
 from pytest_rvads.logic.conduct.standing import entered, facing, lane, lasting, stands
-from pytest_rvads.logic.conduct.stretches import contested, neighbours
+from pytest_rvads.logic.conduct.stretches import contested, neighbours, walkers
 from pytest_rvads.runs.states import Agent
 
 HARD_BRAKING = 2.0

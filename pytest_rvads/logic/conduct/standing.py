@@ -1,4 +1,4 @@
-"""Measures what a vehicle does by itself: waiting time, colour of the light ahead, progress, stops, keeping of the speed limit.
+"""Measures what a vehicle does by itself: place, waiting time, colour of the light ahead, progress, stops, speed limit.
 
 The rulebook ``road`` uses measures that the paper's predicates lack: stopping before the line, arriving at the line, keeping the
 speed limit. The tolerances of this module are parameters of this rulebook. A measure that needs values that the run does not
@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.ways import Key
-from pytest_rvads.logic.conduct.blocks import APPROACH, ENTRANCE, JUNCTION, Block, signal, sized
-from pytest_rvads.logic.conduct.cast import Cast, Pairs, pairs
+from pytest_rvads.logic.conduct.blocks import APPROACH, ENTRANCE, EXIT, JUNCTION, Block, Cast, Pairs, pairs, signal, sized
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.run import Facts, Run
 from pytest_rvads.support.errors import RunError
@@ -280,3 +279,43 @@ def limits_of(junction: Junction, way: Key, facts: Facts) -> tuple[tuple[float, 
     if len(known_limits) < len(limits):
         raise RunError("the run holds no speed limit" + (", and its map states none for a part of a way" if known_limits else ""))
     return known_limits
+
+
+@signal
+def in_junction(block: Block) -> NDArray[np.bool_]:
+    """Return whether each vehicle is in the junction (``a@j``), with its reference point on a movement of the junction."""
+    inside: NDArray[np.bool_] = block.zone == JUNCTION
+    return inside
+
+
+@signal
+def at_entrance(block: Block) -> NDArray[np.bool_]:
+    """Return whether each vehicle is at its entrance (``a@j.en``)."""
+    waiting: NDArray[np.bool_] = block.zone == ENTRANCE
+    return waiting
+
+
+@signal
+def on_approach(block: Block) -> NDArray[np.bool_]:
+    """Return whether each vehicle is on the road to its entrance (``a@r``); the entrance zone is part of the road."""
+    approaching: NDArray[np.bool_] = (block.zone == APPROACH) | (block.zone == ENTRANCE)
+    return approaching
+
+
+@signal
+def on_exit(block: Block) -> NDArray[np.bool_]:
+    """Return whether each vehicle is on its exit road (``a@j.ex`` and ``a@r``), which begins with the exit vertex."""
+    leaving: NDArray[np.bool_] = block.zone == EXIT
+    return leaving
+
+
+@signal(otherwise=np.nan)
+def speed(block: Block) -> NDArray[np.float64]:
+    """Return the speed of each vehicle, ``a.sp`` [m/s]."""
+    return block.need("speed")
+
+
+@signal(of_entrances=True)
+def colour(block: Block) -> NDArray[np.int8]:
+    """Return the colour of the light at every entrance, ``lt.cl``."""
+    return block.lights

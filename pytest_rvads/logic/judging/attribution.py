@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.geometry.crosswalks import Crossing
-from pytest_rvads.logic.conduct.blame import pushed, stuck, surprised
-from pytest_rvads.logic.conduct.cast import Cause, may_owe
-from pytest_rvads.logic.conduct.presence import colourings, on_each_way, window
-from pytest_rvads.logic.conduct.progress import may_go
-from pytest_rvads.logic.conduct.rights import WAIVER, waives
+from pytest_rvads.logic.conduct.blame import Cause, pushed, stuck, surprised
+from pytest_rvads.logic.conduct.blocks import window
+from pytest_rvads.logic.conduct.rights import WAIVER, may_owe, waives
+from pytest_rvads.logic.conduct.static_model import colourings, on_each_way
+from pytest_rvads.logic.conduct.waiting import may_go
 from pytest_rvads.logic.judging.instances import Template, columns
 from pytest_rvads.logic.judging.judge import Values
 from pytest_rvads.logic.judging.judgement import Judgement

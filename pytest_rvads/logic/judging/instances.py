@@ -16,7 +16,7 @@ from math import prod
 
 import numpy as np
 
-from pytest_rvads.logic.conduct.predicates import Static
+from pytest_rvads.logic.conduct.static_model import Static
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.boolean import Budget, conj, disj, plain, rebuild, replaced
 from pytest_rvads.logic.ltl.ltl3 import Machine, evaluate, synthesize

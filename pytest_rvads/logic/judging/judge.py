@@ -15,10 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.logic.conduct.blocks import Block, Signal
-from pytest_rvads.logic.conduct.cast import everybody
-from pytest_rvads.logic.conduct.predicates import ticks
-from pytest_rvads.logic.conduct.presence import window
+from pytest_rvads.logic.conduct.blocks import Block, Signal, everybody, ticks, window
 from pytest_rvads.logic.conduct.standing import drives
 from pytest_rvads.logic.judging.instances import Template, columns
 from pytest_rvads.logic.judging.judgement import Hinge, Judgement, Near

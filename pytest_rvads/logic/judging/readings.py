@@ -22,8 +22,8 @@ from math import ceil, log2
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.logic.conduct.presence import colourings
 from pytest_rvads.logic.conduct.standing import STANDSTILL, in_stop_place, stands
+from pytest_rvads.logic.conduct.static_model import colourings
 from pytest_rvads.logic.judging.attribution import by_walkers, is_about
 from pytest_rvads.logic.judging.instances import Binding, Template
 from pytest_rvads.logic.judging.judge import Values, judge, unsure

@@ -14,20 +14,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.geometry.crosswalks import Crossing
-from pytest_rvads.logic.conduct import predicates
-from pytest_rvads.logic.conduct.blame import blame, cause_of, disregard, disregard_at_kerb
+from pytest_rvads.logic.conduct.blame import Cause, blame, cause_of, disregard, disregard_at_kerb
 from pytest_rvads.logic.conduct.blocks import Signal
 from pytest_rvads.logic.conduct.bodies import collide, contacts
-from pytest_rvads.logic.conduct.cast import Cause, Ground
 from pytest_rvads.logic.conduct.lane import beyond_steering, lane_allows, off_lane, off_route
-from pytest_rvads.logic.conduct.on_foot import stepped_on_walk, takes_crosswalk
-from pytest_rvads.logic.conduct.predicates import Static
 from pytest_rvads.logic.conduct.priority import obstructs, owes
-from pytest_rvads.logic.conduct.progress import blocks, idles, may_go, on_crosswalk, stands_on_crosswalk
-from pytest_rvads.logic.conduct.rights import gives_up, owes_crossing
-from pytest_rvads.logic.conduct.standing import arrived, inside, speeding, standing_time, stopped, waited, wt
-from pytest_rvads.logic.conduct.stretches import meet
-from pytest_rvads.logic.conduct.waiting import waits_to_cross
+from pytest_rvads.logic.conduct.rights import Ground, gives_up, owes_crossing
+from pytest_rvads.logic.conduct.standing import (
+    arrived,
+    at_entrance,
+    colour,
+    in_junction,
+    inside,
+    on_approach,
+    on_exit,
+    speed,
+    speeding,
+    standing_time,
+    stopped,
+    waited,
+    wt,
+)
+from pytest_rvads.logic.conduct.static_model import Static
+from pytest_rvads.logic.conduct.stretches import meet, stepped_on_walk, takes_crosswalk
+from pytest_rvads.logic.conduct.waiting import blocks, idles, may_go, on_crosswalk, stands_on_crosswalk, waits_to_cross
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.current import PACKAGE
 from pytest_rvads.logic.rules.vocabulary import Attribute, FromZones, Measured, Sort, Vocabulary, Word
@@ -43,12 +53,12 @@ def at(place: f.Element, entrances: int) -> Signal[NDArray[np.bool_]]:
     """Return the signal that is true in the states in which a vehicle is at a place of its way through the junction."""
     match place.sort:
         case Sort.JUNCTION:
-            return predicates.in_junction
+            return in_junction
         case Sort.ENTRANCE:
-            return predicates.at_entrance
+            return at_entrance
         case Sort.ROAD if place.index < entrances:
-            return predicates.on_approach
-    return predicates.on_exit
+            return on_approach
+    return on_exit
 
 
 def _may_be_at(static: Static, thing: f.Element, place: f.Element) -> bool | None:
@@ -66,11 +76,11 @@ def _may_be_at(static: Static, thing: f.Element, place: f.Element) -> bool | Non
 
 
 def _take(agent: f.Term, entrance: f.Term, direction: f.Term, itinerary: bool) -> f.Formula:
-    at_entrance, turns = f.Atom("@", (agent, entrance)), f.Atom("turn", (agent, direction))
+    stays, turns = f.Atom("@", (agent, entrance)), f.Atom("turn", (agent, direction))
     if itinerary:
-        return f.And((at_entrance, turns))
+        return f.And((stays, turns))
     # As in the paper, an agent without a known itinerary stays at the entrance until it is in the junction.
-    return f.And((at_entrance, turns, f.Until(at_entrance, f.Atom("@", (agent, HERE)))))
+    return f.And((stays, turns, f.Until(stays, f.Atom("@", (agent, HERE)))))
 
 
 def _may_owe(static: Static, agent: f.Element, other: f.Element) -> bool | None:
@@ -370,12 +380,12 @@ ATTRIBUTES = {
                 ("<", _AFTER, "{0} did not arrive after {1}"),
             ),
         ),
-        Attribute("sp", Sort.AGENT, "number", predicates.speed),
+        Attribute("sp", Sort.AGENT, "number", speed),
         Attribute(
             "cl",
             Sort.LIGHT,
             "colour",
-            predicates.colour,
+            colour,
             lambda name: Colour[name.upper()],
             says=(("= value", "{0} {be} {1}", "{0} {be} not {1}"), ("!= value", "{0} {be} not {1}", "{0} {be} {1}")),
         ),

@@ -18,8 +18,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.logic.conduct.blame import Cause
 from pytest_rvads.logic.conduct.blocks import Signal
-from pytest_rvads.logic.conduct.cast import Cause
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.parser import Language
 from pytest_rvads.logic.rules.current import PACKAGE, here

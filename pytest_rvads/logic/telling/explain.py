@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from pytest_rvads.logic.conduct.lane import too_tight
-from pytest_rvads.logic.conduct.presence import last_seen
+from pytest_rvads.logic.conduct.static_model import last_seen
 from pytest_rvads.logic.judging.attribution import Cycle, cause_between, responsible
 from pytest_rvads.logic.judging.instances import columns
 from pytest_rvads.logic.judging.judgement import Judgement

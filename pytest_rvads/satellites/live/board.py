@@ -17,9 +17,8 @@ import numpy as np
 
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.ways import Key
-from pytest_rvads.logic.conduct.blocks import Block, Signal
-from pytest_rvads.logic.conduct.cast import Cast
-from pytest_rvads.logic.conduct.predicates import Static, extract
+from pytest_rvads.logic.conduct.blocks import Block, Cast, Signal
+from pytest_rvads.logic.conduct.static_model import Static, extract
 from pytest_rvads.logic.judging.instances import Template, prepare, unfold
 from pytest_rvads.logic.judging.judge import OPERATORS, Values, signal_of
 from pytest_rvads.logic.ltl import formula as f

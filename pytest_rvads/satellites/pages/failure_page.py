@@ -14,8 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pytest_rvads.logic.conduct.predicates import extract
-from pytest_rvads.logic.conduct.presence import without_jumps
+from pytest_rvads.logic.conduct.static_model import extract, without_jumps
 from pytest_rvads.logic.judging.instances import prepare
 from pytest_rvads.logic.judging.judge import Values, walk
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
