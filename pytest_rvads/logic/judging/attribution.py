@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pytest_rvads.geometry.crosswalks import Crossing
 from pytest_rvads.logic.conduct.blame import Cause, pushed, stuck, surprised
 from pytest_rvads.logic.conduct.blocks import window
+from pytest_rvads.logic.conduct.lane import beyond_steering
 from pytest_rvads.logic.conduct.rights import WAIVER, may_owe, waives
 from pytest_rvads.logic.conduct.static_model import colourings, on_each_way
 from pytest_rvads.logic.conduct.waiting import may_go
@@ -27,6 +28,7 @@ from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.ltl3 import evaluate, settle
 from pytest_rvads.logic.rules.lexicon import word_of
 from pytest_rvads.logic.rules.rule import Kind, agents_of
+from pytest_rvads.logic.rules.vocabulary import Bend
 from pytest_rvads.runs.run import Run, once
 from pytest_rvads.support.errors import RunError
 
@@ -182,7 +184,8 @@ def unavoidable(judgements: Iterable[Judgement], templates: Iterable[Template], 
 def _beyond(atom: f.Atom, run: Run) -> bool:
     """Return whether no driver could have kept an atom about one vehicle false, such as leaving the lane in a tight bend."""
     word, agents = word_of(atom), agents_of(atom)
-    return word is not None and word.beyond is not None and len(agents) == 1 and word.beyond(run, agents[0].index)
+    excuses = word is not None and word.bend is Bend.EXCUSES
+    return excuses and len(agents) == 1 and beyond_steering(run, agents[0].index)
 
 
 _Owed = tuple[str, str, NDArray[np.bool_]]

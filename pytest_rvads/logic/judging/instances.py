@@ -292,10 +292,10 @@ def _decide(atom: f.Atom, static: Static, itinerary: bool) -> f.Formula:
     elif not any(isinstance(t.of if isinstance(t, f.Attr) else t, f.Var) for t in atom.terms):
         if word.means is not None:
             return _define(word.means(*atom.terms, itinerary), static, itinerary)
-        if word.apart and atom.terms[0] == atom.terms[1]:
-            return f.FALSE
         if word.symmetric:
             first, second = (term.index if isinstance(term, f.Element) else 0 for term in atom.terms)
+            if first == second:
+                return f.FALSE
             if first > second:
                 return f.Atom(atom.name, atom.terms[::-1], word=atom.word)  # as above
         truth = None if word.decide is None else word.decide(static, *atom.terms)

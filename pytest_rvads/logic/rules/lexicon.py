@@ -17,7 +17,7 @@ from pytest_rvads.geometry.crosswalks import Crossing
 from pytest_rvads.logic.conduct.blame import Cause, blame, cause_of, disregard, disregard_at_kerb
 from pytest_rvads.logic.conduct.blocks import Signal
 from pytest_rvads.logic.conduct.bodies import collide, contacts
-from pytest_rvads.logic.conduct.lane import beyond_steering, lane_allows, off_lane, off_route
+from pytest_rvads.logic.conduct.lane import lane_allows, off_lane, off_route
 from pytest_rvads.logic.conduct.priority import obstructs, owes
 from pytest_rvads.logic.conduct.rights import Ground, gives_up, owes_crossing
 from pytest_rvads.logic.conduct.standing import (
@@ -40,9 +40,9 @@ from pytest_rvads.logic.conduct.stretches import meet, stepped_on_walk, takes_cr
 from pytest_rvads.logic.conduct.waiting import blocks, idles, may_go, on_crosswalk, stands_on_crosswalk, waits_to_cross
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.current import PACKAGE
-from pytest_rvads.logic.rules.vocabulary import Attribute, FromZones, Measured, Sort, Vocabulary, Word
+from pytest_rvads.logic.rules.vocabulary import Attribute, Bend, Debt, FromZones, Measured, Sort, Vocabulary, Word
 from pytest_rvads.runs.run import Run, once
-from pytest_rvads.runs.states import Colour, Zone
+from pytest_rvads.runs.states import Colour
 from pytest_rvads.support.errors import RunError
 
 HERE = f.Element(Sort.JUNCTION, 0, "j")
@@ -84,14 +84,20 @@ def _take(agent: f.Term, entrance: f.Term, direction: f.Term, itinerary: bool) -
 
 
 def _may_owe(static: Static, agent: f.Element, other: f.Element) -> bool | None:
-    return None if static.owing is None or (agent.index, other.index) in static.owing else False
+    return None if agent != other and (static.owing is None or (agent.index, other.index) in static.owing) else False
+
+
+def _has_ground(ground: Ground, static: Static, agent: f.Element, other: f.Element) -> bool | None:
+    if agent == other:
+        return False
+    return None if static.grounds is None else (agent.index, other.index, ground) in static.grounds
 
 
 def _over_crossing(static: Static, agent: f.Element, other: f.Element) -> bool | None:
     """Return False for two agents that are not a vehicle and a pedestrian whose crossing the vehicle drives over."""
     vehicle, walker = static.agents[agent.index], static.agents[other.index]
     crossed = static.conflicts is None or (vehicle.way.key, walker.way.key) in static.conflicts
-    return None if crossed and isinstance(walker.way, Crossing) else False
+    return None if agent != other and crossed and isinstance(walker.way, Crossing) else False
 
 
 def _no_geometry(_run: Run, *_agents: int) -> NDArray[np.bool_]:
@@ -147,7 +153,6 @@ BUILT_IN = Vocabulary.of(
         meet,
         "{0} and {1} meet where their ways cross or join",
         "{0} and {1} do not meet",
-        apart=True,
         symmetric=True,
         turns_on=(Measured.ALONG,),
         present=True,
@@ -160,12 +165,11 @@ BUILT_IN = Vocabulary.of(
         collide,
         "{0} and {1} collide",
         "{0} and {1} do not collide",
-        apart=True,
         symmetric=True,
         turns_on=(Measured.SIZES, Measured.ALONG),
         present=True,
         cause=_cause,
-        bends=True,
+        bend=Bend.CAN_CAUSE,
         any_way=True,
     ),
     _word(
@@ -175,9 +179,8 @@ BUILT_IN = Vocabulary.of(
         "{0} has to let {1} pass",
         "{0} need not let {1} pass",
         decide=_may_owe,
-        apart=True,
         turns_on=_MOVES,
-        debt=True,
+        debt=Debt.OWES,
     ),
     _word(
         "obstructs",
@@ -186,10 +189,8 @@ BUILT_IN = Vocabulary.of(
         "{0} gets in the way of {1}",
         "{0} does not get in the way of {1}",
         decide=_may_owe,
-        apart=True,
         turns_on=_MOVES,
-        debt=True,
-        pending=lambda run, agent, other: owes(run, agent, other) & (run.zone[:, agent] >= Zone.JUNCTION),
+        debt=Debt.TAKES,
     ),
     *(
         _word(
@@ -198,9 +199,8 @@ BUILT_IN = Vocabulary.of(
             _no_geometry,
             says,
             denies,
-            decide=lambda s, one, two, ground=ground: None if s.grounds is None else (one.index, two.index, ground) in s.grounds,
+            decide=partial(_has_ground, ground),
             static="agent",
-            apart=True,
         )
         for ground, says, denies in (
             (Ground.SIGN, "{0} has a stop or yield sign against {1}", "{0} has no sign against {1}"),
@@ -258,8 +258,7 @@ BUILT_IN = Vocabulary.of(
         "{0} is outside its lane",
         "{0} is in its lane",
         turns_on=(Measured.SIZES, Measured.SIDES),
-        beyond=beyond_steering,
-        bends=True,
+        bend=Bend.EXCUSES,
     ),
     _word(
         "lane_allows",
@@ -271,7 +270,7 @@ BUILT_IN = Vocabulary.of(
         turns_on=(Measured.SIDES,),
     ),
     *(
-        _word(name, _TWO, holds, says, denies, decide=_over_crossing, apart=True, turns_on=_MOVES, cause=cause, any_way=True)
+        _word(name, _TWO, holds, says, denies, decide=_over_crossing, turns_on=_MOVES, cause=cause, any_way=True)
         for name, holds, says, denies, cause in (
             ("owes_crossing", owes_crossing, "{0} has to let {1} cross", "{0} need not let {1} cross", disregard),
             (
@@ -316,7 +315,15 @@ BUILT_IN = Vocabulary.of(
         "{0} does not stand on a crosswalk",
         turns_on=_MOVES,
     ),
-    _word("off_route", _ONE, off_route, "{0} is off its route", "{0} is on its route", turns_on=(Measured.SIDES,), bends=True),
+    _word(
+        "off_route",
+        _ONE,
+        off_route,
+        "{0} is off its route",
+        "{0} is on its route",
+        turns_on=(Measured.SIDES,),
+        bend=Bend.CAN_CAUSE,
+    ),
     _word("speeding", _ONE, speeding, "{0} is over the speed limit", "{0} is within the speed limit", turns_on=_MOVES),
     _word("right-of", ("agent or entrance or vertex",) * 2, decide=_from_right, static="agent or entrance or vertex"),
     _word(
@@ -330,16 +337,12 @@ BUILT_IN = Vocabulary.of(
         ("entrance", "entrance"),
         decide=lambda s, one, two: (one.index, two.index) in s.beside,
         static="entrance",
-        apart=True,
-        symmetric=True,
     ),
     _word(
         "takes_turns",
         _TWO,
-        decide=lambda s, one, two: s.by_arrival is None or (one.index, two.index) in s.by_arrival,
+        decide=lambda s, one, two: one != two and (s.by_arrival is None or (one.index, two.index) in s.by_arrival),
         static="agent",
-        apart=True,
-        symmetric=True,
     ),
     _word("stop_sign", ("entrance",), decide=lambda s, entrance: entrance.index in s.signs, static="entrance"),
     _word(

@@ -91,6 +91,20 @@ MEASURED = (Measured.SIZES, Measured.SIDES, Measured.PACE, Measured.ALONG)
 """The kinds of measurement on which a user's predicate depends, if the user does not state the kinds."""
 
 
+class Debt(Enum):
+    """What a predicate says about the way that its first argument owes to its second argument."""
+
+    OWES = "the first has to give way to the second"
+    TAKES = "the first gets in the way of the second; as long as it owes the way in the junction, it still can"
+
+
+class Bend(Enum):
+    """What a bend in which no path keeps a vehicle in its lane does to a predicate about the vehicle."""
+
+    CAN_CAUSE = "it can make the predicate true"
+    EXCUSES = "it can make the predicate true, and then no driver could have kept the predicate false"
+
+
 class FromZones(Enum):
     """In which runs the truth of a predicate, or the value of an attribute, follows from the zones of vehicles alone."""
 
@@ -133,29 +147,21 @@ class Word:
     means: Callable[..., f.Formula] | None = None
     """A function that returns the formula by which the predicate is defined, given the arguments and whether itineraries are
     known."""
-    apart: bool = False
-    """Whether the predicate is false for two equal arguments."""
     symmetric: bool = False
-    """Whether the predicate has the same value for both orders of its two arguments."""
+    """Whether the predicate has the same value for both orders of its two arguments, and is false for two equal arguments."""
     turns_on: tuple[Measured, ...] = MEASURED
     """The kinds of measurement on which the truth depends."""
     from_zones: FromZones = FromZones.NEVER
     """In which runs the truth follows from the zones of vehicles alone."""
     present: bool = False
     """Whether the predicate is false for absent vehicles."""
-    debt: bool = False
-    """Whether the predicate says that the first argument has to give way to the second argument, or gets in its way."""
+    debt: Debt | None = None
+    """What the predicate says about the right of way between its two arguments; None if it says nothing about it."""
     cause: Callable[[Run, int, int, int], Cause | None] | None = None
     """A function that takes a run, the columns of two vehicles and a tick, and returns the vehicle to blame if the predicate
     about the two vehicles breaks a rule at the tick."""
-    pending: Callable[..., NDArray[np.bool_]] | None = None
-    """A function that takes the arguments of `holds`, and returns after which states the predicate could still become true. If
-    the recording of a vehicle ends in such a state, the instance is unsure."""
-    beyond: Callable[[Run, int], bool] | None = None
-    """A function that takes a run and the column of a vehicle, and returns whether no driver could have kept the predicate
-    false."""
-    bends: bool = False
-    """Whether a bend in which no path keeps a vehicle in its lane can make the predicate true."""
+    bend: Bend | None = None
+    """What a bend in which no path keeps a vehicle in its lane does to the predicate; None if nothing."""
     any_way: bool = False
     """Whether the predicate allows agents on any way, such as a crossing; other predicates allow agents on movements only."""
     place: str = ""
@@ -214,9 +220,9 @@ class Word:
         return tuple(t if " " in sorts else t.index for t, sorts in pairs if isinstance(t, f.Element))
 
 
-_WORDING = attrgetter("name", "sorts", "says", "denies", "static", "apart", "symmetric")
-_TRAITS = attrgetter("turns_on", "from_zones", "present", "debt", "bends", "any_way")
-_FUNCTIONS = attrgetter("holds", "follow", "decide", "means", "cause", "pending", "beyond")
+_WORDING = attrgetter("name", "sorts", "says", "denies", "static", "symmetric")
+_TRAITS = attrgetter("turns_on", "from_zones", "present", "debt", "bend", "any_way")
+_FUNCTIONS = attrgetter("holds", "follow", "decide", "means", "cause")
 
 
 @dataclass(frozen=True, slots=True)

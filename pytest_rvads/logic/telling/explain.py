@@ -98,7 +98,7 @@ def tell(story: Story) -> Verdict:
 def _bends(worst: Judgement | None, run: Run) -> Iterator[str]:
     """Yield a sentence per vehicle to blame that left its lane or hit another vehicle in a bend too tight for the vehicle."""
     words = [word_of(atom) for atom, _ in worst.broken] if worst is not None else []
-    if worst is None or not any(word is not None and word.bends for word in words):
+    if worst is None or not any(word is not None and word.bend for word in words):
         return
     for name, bend in ((e.name, too_tight(run, e.index)) for e in responsible(worst, run)):
         if bend is not None:
