@@ -37,10 +37,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.geometry.control import JunctionControl, Sign
-from pytest_rvads.geometry.crosswalks import Crossing
-from pytest_rvads.geometry.turns import Turn
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.conduct.bodies import close
-from pytest_rvads.logic.conduct.lane import wrong_lanes
 from pytest_rvads.logic.conduct.rights import Ground, ground_of, in_turn, lit, may_owe
 from pytest_rvads.runs.itineraries import LEAVE, itinerary
 from pytest_rvads.runs.recording import NEAR, NEAR_TIME, zones
@@ -50,28 +48,12 @@ from pytest_rvads.runs.states import Agent, Colour, Zone
 
 @dataclass(frozen=True, slots=True)
 class Static:
-    """The part of the paper's model that is constant in a run: junction, signs, lights and itineraries (Algorithm 1)."""
+    """The part of the paper's model that is constant in a run: junction, lights and itineraries (Algorithm 1)."""
 
-    entrances: int
-    exits: int
-    control: JunctionControl
-    right_of: frozenset[tuple[int, int]]
-    opposite: frozenset[tuple[int, int]]
-    entex: frozenset[tuple[int, int]]
-    """Pairs of an entrance and an exit of the same arm."""
-    beside: frozenset[tuple[int, int]]
-    """Pairs of different entrances of the same arm."""
+    junction: Junction
     lights: tuple[int, ...]
     """Entrances with a light."""
-    signs: tuple[int, ...]
-    """Entrances with a stop sign."""
     agents: tuple[Agent, ...]
-    conflicts: frozenset[tuple[tuple[int, int], tuple[int, int]]] | None = None
-    """Pairs of conflicting ways; None if the geometry is unknown."""
-    near: Turn = Turn.RIGHT
-    """The turn that crosses no other way."""
-    far: Turn = Turn.LEFT
-    """The turn across oncoming traffic."""
     grounds: frozenset[tuple[int, int, Ground]] | None = frozenset()
     """Triples of a first agent, a second agent (both by column), and the ground on which the first has to give way to the second.
 
@@ -81,8 +63,6 @@ class Static:
     """Pairs of agents, by column, of which the first can owe the way to the second; None if only states of the run decide."""
     by_arrival: frozenset[tuple[int, int]] | None = None
     """Pairs of agents, by column, that go in the order of arrival; None if the junction is no all-way stop."""
-    choosing: frozenset[int] = frozenset()
-    """Agents, by column, whose entrance arm has a lane that does not lead to the agent's exit arm."""
     together: frozenset[tuple[int, int]] | None = None
     """Pairs of agents, by column and in both orders, that were present together; rules about two agents are judged for these
     pairs only. None: for all pairs."""
@@ -90,10 +70,6 @@ class Static:
     """Agents, by column, for which rules are judged in this run, see `Excerpt.judged`; None: all agents."""
     further: frozenset[int] = frozenset()
     """Agents, by column, on ways that are no movements of vehicles, such as crossings."""
-    walk_lights: frozenset[int] = frozenset()
-    """Agents, by column, on crossings with a light."""
-    turning_on_red: frozenset[int] = frozenset()
-    """Agents, by column, that may turn on red, see `Junction.turns_on_red`."""
     _hash: int = field(init=False, repr=False, compare=False)
     """The hash of the model, stored because caches use the model as a key for every rule."""
 
@@ -109,22 +85,27 @@ class Static:
 
     def turns(self, agent: int, direction: str) -> bool:
         """Return whether an agent turns ``left``, ``straight``, ``right``, or to the ``near`` or ``far`` side."""
-        turn = {"near": self.near, "far": self.far}.get(direction, direction)
+        turn = {"near": self.junction.near, "far": self.junction.far}.get(direction, direction)
         return self.agents[agent].turn == turn
 
     def __str__(self) -> str:
-        pairs = ", ".join(f"{a} right-of {b}" for a, b in sorted(self.right_of))
-        facing = ", ".join(f"{a} opposite {b}" for a, b in sorted(self.opposite) if a < b)
+        junction = self.junction
+        pairs = ", ".join(f"{a} right-of {b}" for a, b in sorted(junction.right_of))
+        facing = ", ".join(f"{a} opposite {b}" for a, b in sorted(junction.opposite) if a < b)
         agents = ", ".join(f"{a.name}: {a.entrance} -> {a.exit} ({a.turn})" for a in self.agents)
-        kinds = (("lights", self.lights), ("stop signs", self.signs))
+        kinds = (("lights", self.lights), ("stop signs", stop_signs(junction)))
         objects = ", ".join(f"{kind} at {list(places)}" for kind, places in kinds if places) or "no lights or stop signs"
-        return f"{self.entrances} entrances, {objects}; {pairs or 'no right-of'}; {facing or 'no opposite'}; {agents}"
+        return f"{len(junction.entrances)} entrances, {objects}; {pairs or 'no right-of'}; {facing or 'no opposite'}; {agents}"
+
+
+def stop_signs(junction: Junction) -> tuple[int, ...]:
+    """Return the entrances with a stop sign."""
+    return tuple(k for k, entrance in enumerate(junction.entrances) if entrance.sign is Sign.STOP)
 
 
 def extract(run: Run) -> Static:
     """Return the static model of a run: everything that stays the same during the run (Algorithm 1 of the paper)."""
     junction, ways = run.junction, [agent.way.key for agent in run.agents]
-    numbers = range(len(junction.entrances))
     grounds: frozenset[tuple[int, int, Ground]] | None = frozenset()
     owing: frozenset[tuple[int, int]] | None = None
     by_arrival: frozenset[tuple[int, int]] | None = None
@@ -140,28 +121,15 @@ def extract(run: Run) -> Static:
         grounds = frozenset((one, two, ground) for one, two, ground in reasons if ground is not None)
         owing = frozenset((one, two) for one, two in pairs if (ways[one], ways[two]) in conflicts and may_owe(run, one, two))
     return Static(
-        len(junction.entrances),
-        len(junction.exits),
-        junction.control,
-        junction.right_of,
-        junction.opposite,
-        junction.entex,
-        frozenset((a, b) for arm in junction.arms for a, b in permutations(arm.entrances, 2)),
-        tuple(k for k in numbers if lit(junction, k) or run.lights[:, k].any()),
-        tuple(k for k in numbers if junction.entrances[k].sign is Sign.STOP),
+        junction,
+        tuple(k for k in range(len(junction.entrances)) if lit(junction, k) or run.lights[:, k].any()),
         run.agents,
-        junction.conflicts,
-        junction.near,
-        junction.far,
         grounds,
         owing,
         by_arrival,
-        frozenset(k for k, who in enumerate(run.agents) if wrong_lanes(junction, *who.way.key)),
         together(run),
         judged(run),
         frozenset(k for k, who in enumerate(run.agents) if who.way.key not in junction.movements),
-        frozenset(k for k, who in enumerate(run.agents) if isinstance(who.way, Crossing) and lit(junction, who.entrance)),
-        frozenset(k for k, who in enumerate(run.agents) if junction.turns_on_red(who.entrance, who.turn)),
     )
 
 

@@ -17,9 +17,9 @@ from pytest_rvads.geometry.crosswalks import Crossing
 from pytest_rvads.logic.conduct.blame import Cause, blame, cause_of, disregard, disregard_at_kerb
 from pytest_rvads.logic.conduct.blocks import Signal
 from pytest_rvads.logic.conduct.bodies import collide, contacts
-from pytest_rvads.logic.conduct.lane import lane_allows, off_lane, off_route
+from pytest_rvads.logic.conduct.lane import lane_allows, off_lane, off_route, wrong_lanes
 from pytest_rvads.logic.conduct.priority import obstructs, owes
-from pytest_rvads.logic.conduct.rights import Ground, gives_up, owes_crossing
+from pytest_rvads.logic.conduct.rights import Ground, gives_up, lit, owes_crossing
 from pytest_rvads.logic.conduct.standing import (
     arrived,
     at_entrance,
@@ -35,7 +35,7 @@ from pytest_rvads.logic.conduct.standing import (
     waited,
     wt,
 )
-from pytest_rvads.logic.conduct.static_model import Static
+from pytest_rvads.logic.conduct.static_model import Static, stop_signs
 from pytest_rvads.logic.conduct.stretches import meet, stepped_on_walk, takes_crosswalk
 from pytest_rvads.logic.conduct.waiting import blocks, idles, may_go, on_crosswalk, stands_on_crosswalk, waits_to_cross
 from pytest_rvads.logic.ltl import formula as f
@@ -71,7 +71,7 @@ def _may_be_at(static: Static, thing: f.Element, place: f.Element) -> bool | Non
         case Sort.EXIT:
             return None if agent.exit == place.index else False
         case Sort.ROAD:
-            return None if place.index in (agent.entrance, static.entrances + agent.exit) else False
+            return None if place.index in (agent.entrance, len(static.junction.entrances) + agent.exit) else False
     return None
 
 
@@ -96,8 +96,25 @@ def _has_ground(ground: Ground, static: Static, agent: f.Element, other: f.Eleme
 def _over_crossing(static: Static, agent: f.Element, other: f.Element) -> bool | None:
     """Return False for two agents that are not a vehicle and a pedestrian whose crossing the vehicle drives over."""
     vehicle, walker = static.agents[agent.index], static.agents[other.index]
-    crossed = static.conflicts is None or (vehicle.way.key, walker.way.key) in static.conflicts
+    conflicts = static.junction.conflicts
+    crossed = conflicts is None or (vehicle.way.key, walker.way.key) in conflicts
     return None if agent != other and crossed and isinstance(walker.way, Crossing) else False
+
+
+def _conflict(static: Static, agent: f.Element, other: f.Element) -> bool | None:
+    conflicts = static.junction.conflicts
+    ways = static.agents[agent.index].way.key, static.agents[other.index].way.key
+    return None if conflicts is None else ways in conflicts
+
+
+def _turns_on_red(static: Static, agent: f.Element) -> bool:
+    who = static.agents[agent.index]
+    return static.junction.turns_on_red(who.entrance, who.turn)
+
+
+def _at_walk_light(static: Static, agent: f.Element) -> bool:
+    who = static.agents[agent.index]
+    return isinstance(who.way, Crossing) and lit(static.junction, who.entrance)
 
 
 def _no_geometry(_run: Run, *_agents: int) -> NDArray[np.bool_]:
@@ -107,8 +124,8 @@ def _no_geometry(_run: Run, *_agents: int) -> NDArray[np.bool_]:
 def _from_right(static: Static, element: f.Element, other: f.Element) -> bool:
     """Return whether an entrance, or the entrance of a vehicle, is to the right of another entrance, or of that of a vehicle."""
     if element.sort == other.sort == Sort.AGENT:
-        return (static.agents[element.index].entrance, static.agents[other.index].entrance) in static.right_of
-    return element.sort == other.sort == Sort.ENTRANCE and (element.index, other.index) in static.right_of
+        return (static.agents[element.index].entrance, static.agents[other.index].entrance) in static.junction.right_of
+    return element.sort == other.sort == Sort.ENTRANCE and (element.index, other.index) in static.junction.right_of
 
 
 def _cause(run: Run, agent: int, other: int, _tick: int) -> Cause | None:
@@ -134,16 +151,14 @@ BUILT_IN = Vocabulary.of(
     ),
     _word("turn", ("agent", "direction"), decide=lambda s, agent, to: s.turns(agent.index, to.name), static="agent"),
     _word("take", ("agent", "entrance", "direction"), means=_take),
-    _word("turns_on_red", _ONE, decide=lambda s, agent: agent.index in s.turning_on_red, static="agent"),
+    _word("turns_on_red", _ONE, decide=_turns_on_red, static="agent"),
     _word(
         "conflict",
         _TWO,
         _no_geometry,
         "{0} and {1} are on conflicting movements",
         "{0} and {1} are not on conflicting movements",
-        decide=lambda s, one, two: (
-            None if s.conflicts is None else (s.agents[one.index].way.key, s.agents[two.index].way.key) in s.conflicts
-        ),
+        decide=_conflict,
         static="agent",
         any_way=True,
     ),
@@ -266,7 +281,7 @@ BUILT_IN = Vocabulary.of(
         lane_allows,
         "{0} is in a lane that leads where it goes",
         "{0} is in a lane that does not lead where it goes",
-        decide=lambda s, agent: None if agent.index in s.choosing else True,
+        decide=lambda s, agent: None if wrong_lanes(s.junction, *s.agents[agent.index].way.key) else True,
         turns_on=(Measured.SIDES,),
     ),
     *(
@@ -293,7 +308,7 @@ BUILT_IN = Vocabulary.of(
     _word(
         "walk_light",
         _ONE,
-        decide=lambda s, agent: agent.index in s.walk_lights,
+        decide=_at_walk_light,
         static="agent",
         any_way=True,
     ),
@@ -329,13 +344,13 @@ BUILT_IN = Vocabulary.of(
     _word(
         "opposite",
         _ENTRANCES,
-        decide=lambda s, one, two: one.sort == two.sort == Sort.ENTRANCE and (one.index, two.index) in s.opposite,
+        decide=lambda s, one, two: one.sort == two.sort == Sort.ENTRANCE and (one.index, two.index) in s.junction.opposite,
         static=_ENTRANCES[0],
     ),
     _word(
         "beside",
         ("entrance", "entrance"),
-        decide=lambda s, one, two: (one.index, two.index) in s.beside,
+        decide=lambda s, one, two: one != two and s.junction.starts[one.index].arm == s.junction.starts[two.index].arm,
         static="entrance",
     ),
     _word(
@@ -344,11 +359,13 @@ BUILT_IN = Vocabulary.of(
         decide=lambda s, one, two: one != two and (s.by_arrival is None or (one.index, two.index) in s.by_arrival),
         static="agent",
     ),
-    _word("stop_sign", ("entrance",), decide=lambda s, entrance: entrance.index in s.signs, static="entrance"),
+    _word("stop_sign", ("entrance",), decide=lambda s, entrance: entrance.index in stop_signs(s.junction), static="entrance"),
     _word(
         "entex",
         ("entrance or vertex", "exit or vertex"),
-        decide=lambda s, one, two: (one.sort, two.sort) == (Sort.ENTRANCE, Sort.EXIT) and (one.index, two.index) in s.entex,
+        decide=lambda s, one, two: (
+            (one.sort, two.sort) == (Sort.ENTRANCE, Sort.EXIT) and (one.index, two.index) in s.junction.entex
+        ),
         static=_ENTRANCES[0],
     ),
 )
