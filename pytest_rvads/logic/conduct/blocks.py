@@ -111,8 +111,7 @@ class Cast:
             column, pairs = self.static(among).column, self.static(of).column
             found = [column.get(pair[::-1] if turned else pair, -1) for pair in pairs]
             self._static[key] = np.array(found, dtype=np.int64)
-        result: NDArray[np.int64] = self._static[key]
-        return result
+        return self._static[key]
 
 
 def pairs(cast: Cast, belong: Callable[[int, int], bool]) -> Pairs:
@@ -272,8 +271,7 @@ class Block:
     @cached_property
     def here(self) -> NDArray[np.bool_]:
         """Whether each vehicle is present in each state, see `Run.here`."""
-        present: NDArray[np.bool_] = (self.zone != GONE) & (self.zone != ABSENT)
-        return present
+        return (self.zone != GONE) & (self.zone != ABSENT)
 
     @cached_property
     def ticks(self) -> NDArray[np.int64]:

@@ -78,8 +78,7 @@ class Ways:
         """Return the offsets of points to the left of their ways at given stations, shape ``(places,)`` [m]."""
         place, ahead = self.centre(way, station)
         apart = points - place
-        offsets: NDArray[np.float64] = ahead[:, 0] * apart[:, 1] - ahead[:, 1] * apart[:, 0]
-        return offsets
+        return ahead[:, 0] * apart[:, 1] - ahead[:, 1] * apart[:, 0]
 
     def nearest(self, way: NDArray[np.int64], points: NDArray[np.float64], station: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the stations at which centre lines are nearest to points, ``(places,)`` [m]; `station` gives them roughly."""

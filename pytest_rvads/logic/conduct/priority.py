@@ -109,8 +109,7 @@ def brakes_hard(block: Block) -> NDArray[np.bool_]:
     row = np.arange(most, most + len(speed))[:, None] - np.maximum(steps, 0)
     slower = np.take_along_axis(speeds, row, axis=0) - speed
     hard = np.where(block.cast.straight, HARD_BRAKING, BEND_BRAKING)
-    braking: NDArray[np.bool_] = (steps > 0) & (slower > hard * steps * block.dt)
-    return braking
+    return (steps > 0) & (slower > hard * steps * block.dt)
 
 
 class _Debts(NamedTuple):
@@ -128,8 +127,7 @@ def _bound(block: Block) -> NDArray[np.bool_]:
     """
     both, owed = block.cast.static(owing), yields(block) & ~np.isnan(block.cast.static(owed_places).begin)
     due = (comes(block) | both.second(ready(block))) & both.second(block.here)
-    bound: NDArray[np.bool_] = owed & due & both.first(block.here)
-    return bound
+    return owed & due & both.first(block.here)
 
 
 @signal

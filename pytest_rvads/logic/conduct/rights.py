@@ -158,8 +158,7 @@ def lights(cast: Cast) -> NDArray[np.bool_]:
 def has_way(block: Block) -> NDArray[np.bool_]:
     """Return whether the light of each vehicle is (or was at its entry) green or yellow, or the vehicle comes to no light."""
     colour = facing(block)
-    allowed: NDArray[np.bool_] = ~block.cast.static(lights) | (colour == GREEN) | (colour == YELLOW)
-    return allowed
+    return ~block.cast.static(lights) | (colour == GREEN) | (colour == YELLOW)
 
 
 def owing(cast: Cast) -> Pairs:
@@ -194,15 +193,13 @@ def yields(block: Block) -> NDArray[np.bool_]:
     """
     both, (always, near) = block.cast.static(owing), block.cast.static(_always)
     bound = always | ((both.first(facing(block)) == RED) == near)
-    gives_way: NDArray[np.bool_] = bound & both.second(has_way(block))
-    return gives_way
+    return bound & both.second(has_way(block))
 
 
 @signal
 def ready(block: Block) -> NDArray[np.bool_]:
     """Return whether each vehicle is due because it is first at its line, may go, and does not waive its right."""
-    due: NDArray[np.bool_] = next_to_go(block) & ~waives(block)
-    return due
+    return next_to_go(block) & ~waives(block)
 
 
 def coming(block: Block, both: Pairs, at: Places) -> NDArray[np.bool_]:
@@ -217,8 +214,7 @@ def coming(block: Block, both: Pairs, at: Places) -> NDArray[np.bool_]:
 @signal(pairs=owing)
 def comes(block: Block) -> NDArray[np.bool_]:
     """Return whether each pair's second vehicle is on the shared stretch, or reaches it within `DUE` at its present speed."""
-    near: NDArray[np.bool_] = coming(block, block.cast.static(owing), block.cast.static(owed_places))
-    return near
+    return coming(block, block.cast.static(owing), block.cast.static(owed_places))
 
 
 @signal
@@ -258,8 +254,7 @@ def near_crosswalk(block: Block) -> NDArray[np.bool_]:
 @signal(pairs=walkers, needs=sized)
 def owes_crossing(block: Block) -> NDArray[np.bool_]:
     """Return whether each pair's vehicle owes the crosswalk to the pedestrian, and comes there or takes it at present."""
-    owed: NDArray[np.bool_] = (near_crosswalk(block) | takes_crosswalk(block)) & walk(block).owed
-    return owed
+    return (near_crosswalk(block) | takes_crosswalk(block)) & walk(block).owed
 
 
 def in_turns(cast: Cast) -> Pairs:
@@ -270,8 +265,7 @@ def in_turns(cast: Cast) -> Pairs:
 @signal(pairs=in_turns)
 def comes_first(block: Block) -> NDArray[np.bool_]:
     """Return whether each pair's second vehicle goes first, because their movements meet and it came first, see `came_first`."""
-    earlier: NDArray[np.bool_] = came_first(block)[:, block.cast.columns(in_turns, everybody)]
-    return earlier
+    return came_first(block)[:, block.cast.columns(in_turns, everybody)]
 
 
 def _on_the_right(cast: Cast) -> NDArray[np.bool_]:
@@ -300,8 +294,7 @@ def came_first(block: Block) -> NDArray[np.bool_]:
 def next_to_go(block: Block) -> NDArray[np.bool_]:
     """Return whether each vehicle is first at its line and has the right to go."""
     green = ~block.cast.static(lights) | (facing(block) == GREEN)
-    next_vehicles: NDArray[np.bool_] = first_at_line(block) & ~held(block) & green
-    return next_vehicles
+    return first_at_line(block) & ~held(block) & green
 
 
 @signal(start=(0, _LONG_AGO))

@@ -60,8 +60,7 @@ def latched(set_: NDArray[np.bool_], reset: NDArray[np.bool_], before: NDArray[n
     count = np.arange(1, len(set_) + 1)[:, None]
     last_set = np.maximum.accumulate(np.where(set_, count, 0), axis=0)
     last_reset = np.maximum.accumulate(np.where(reset, count, 0), axis=0)
-    truths: NDArray[np.bool_] = (last_set > last_reset) | (before & (last_reset == 0))
-    return truths
+    return (last_set > last_reset) | (before & (last_reset == 0))
 
 
 NEVER = int(np.iinfo(np.int64).max)
@@ -110,8 +109,7 @@ def inside(block: Block) -> NDArray[np.bool_]:
     """Return whether a part of the body of each vehicle is in the junction."""
     front, cast = block.need("station"), block.cast
     entry = np.maximum(cast.static(lines), 0.0)  # the stations at which the junction begins, see `Itinerary.entry`
-    inside_junction: NDArray[np.bool_] = (front > entry) & ((front - cast.length) - cast.way < 0.0) & block.here
-    return inside_junction
+    return (front > entry) & ((front - cast.length) - cast.way < 0.0) & block.here
 
 
 def lines(cast: Cast) -> NDArray[np.float64]:
@@ -143,8 +141,7 @@ def lane(cast: Cast) -> Pairs:
 @signal
 def stands(block: Block) -> NDArray[np.bool_]:
     """Return whether each vehicle stands still."""
-    still: NDArray[np.bool_] = np.abs(block.need("speed")) <= STANDSTILL
-    return still
+    return np.abs(block.need("speed")) <= STANDSTILL
 
 
 @signal
@@ -231,8 +228,7 @@ def standing_time(run: Run, agent: int) -> NDArray[np.int32]:
     """Return for how many steps the agent has been standing at its entrance: the waiting time in the text of the paper."""
     tick = np.arange(run.steps, dtype=np.int32)
     still = (run.zone[:, agent] == ENTRANCE) & stands(run, agent)
-    durations: NDArray[np.int32] = tick - np.maximum.accumulate(np.where(still, 0, tick))
-    return durations
+    return tick - np.maximum.accumulate(np.where(still, 0, tick))
 
 
 def drives(run: Run, agent: int) -> bool:
@@ -253,8 +249,7 @@ def speeding(block: Block) -> NDArray[np.bool_]:
     if borders.size:
         piece = (block.need("station")[..., None] >= borders).sum(axis=-1)
         most = np.take_along_axis(limits[None], piece[..., None], axis=-1)[..., 0]
-    too_fast: NDArray[np.bool_] = np.abs(block.need("speed")) > most + SPEED_TOLERANCE
-    return too_fast
+    return np.abs(block.need("speed")) > most + SPEED_TOLERANCE
 
 
 def _limits(cast: Cast) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -284,29 +279,25 @@ def limits_of(junction: Junction, way: Key, facts: Facts) -> tuple[tuple[float, 
 @signal
 def in_junction(block: Block) -> NDArray[np.bool_]:
     """Return whether each vehicle is in the junction (``a@j``), with its reference point on a movement of the junction."""
-    inside: NDArray[np.bool_] = block.zone == JUNCTION
-    return inside
+    return block.zone == JUNCTION
 
 
 @signal
 def at_entrance(block: Block) -> NDArray[np.bool_]:
     """Return whether each vehicle is at its entrance (``a@j.en``)."""
-    waiting: NDArray[np.bool_] = block.zone == ENTRANCE
-    return waiting
+    return block.zone == ENTRANCE
 
 
 @signal
 def on_approach(block: Block) -> NDArray[np.bool_]:
     """Return whether each vehicle is on the road to its entrance (``a@r``); the entrance zone is part of the road."""
-    approaching: NDArray[np.bool_] = (block.zone == APPROACH) | (block.zone == ENTRANCE)
-    return approaching
+    return (block.zone == APPROACH) | (block.zone == ENTRANCE)
 
 
 @signal
 def on_exit(block: Block) -> NDArray[np.bool_]:
     """Return whether each vehicle is on its exit road (``a@j.ex`` and ``a@r``), which begins with the exit vertex."""
-    leaving: NDArray[np.bool_] = block.zone == EXIT
-    return leaving
+    return block.zone == EXIT
 
 
 @signal(otherwise=np.nan)

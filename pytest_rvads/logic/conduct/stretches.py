@@ -296,5 +296,4 @@ def takes_crosswalk(
 @signal
 def stepped_on_walk(block: Block) -> NDArray[np.bool_]:
     """Return whether the light of each pedestrian showed green (WALK) when the pedestrian stepped onto the crosswalk."""
-    on_walk: NDArray[np.bool_] = (entered(block) <= block.ticks) & (facing(block) == Colour.GREEN)
-    return on_walk
+    return (entered(block) <= block.ticks) & (facing(block) == Colour.GREEN)

@@ -118,8 +118,7 @@ def _debts(block: Block) -> _Debts:
 @signal
 def at_line(block: Block) -> NDArray[np.bool_]:
     """Return whether each vehicle is before the junction, and at most `AT_LINE` before its line."""
-    near_line: NDArray[np.bool_] = (block.zone <= ENTRANCE) & (block.need("station") > block.cast.static(lines) - AT_LINE)
-    return near_line
+    return (block.zone <= ENTRANCE) & (block.need("station") > block.cast.static(lines) - AT_LINE)
 
 
 @signal(pairs=partners)
@@ -127,25 +126,7 @@ def due(block: Block) -> NDArray[np.bool_]:
     """Return whether each pair's second vehicle is due: it comes soon, see `coming`, or is first at its line and may go."""
     both, at = block.cast.static(partners), block.cast.static(_places)
     standing = both.second(ready(block) & block.here) & ~np.isnan(at.begin)
-    due_vehicles: NDArray[np.bool_] = coming(block, both, at) | standing
-    return due_vehicles
-
-
-@signal
-def _walks(block: Block) -> NDArray[np.bool_]:
-    fast: NDArray[np.bool_] = block.need("speed") > PACE
-    return fast
-
-
-@signal(pairs=partners)
-def _about_to_turn(block: Block) -> NDArray[np.bool_]:
-    """Return whether each pair's second vehicle can reach the way of the first within `DUE`, by some movement from its entrance.
-
-    Only movements to which the first vehicle gives way because of its sign count.
-    """
-    reach = block.need("station") + DUE * np.maximum(block.need("speed"), 0.0)
-    turning: NDArray[np.bool_] = block.cast.static(partners).second(reach) >= block.cast.static(_first_turns)
-    return turning
+    return coming(block, both, at) | standing
 
 
 @signal(pairs=walkers)
@@ -156,8 +137,7 @@ def lets_walk(block: Block) -> NDArray[np.bool_]:
     """
     both, waiting = block.cast.static(walkers), at_line(block) | (block.zone == JUNCTION)
     before = both.first(block.need("station")) < block.cast.static(places_of).far
-    reasons: NDArray[np.bool_] = walk(block).on & before & (both.first(waiting) | near_crosswalk(block))
-    return reasons
+    return walk(block).on & before & (both.first(waiting) | near_crosswalk(block))
 
 
 @signal(pairs=partners)
@@ -171,15 +151,17 @@ def lets_pass(block: Block) -> NDArray[np.bool_]:
     if block.junction.control is JunctionControl.STOP:
         reasons = before & their_within | came_first(block) & ~(apart & both.second(waiving))
     else:
+        # The second vehicle can turn into the way of the first within `DUE`, to whom the first gives way because of its sign.
+        reach = station + DUE * np.maximum(block.need("speed"), 0.0)
         turning = (block.zone <= ENTRANCE) & block.here & has_way(block)
-        reasons = before & both.second(turning) & _about_to_turn(block)
+        reasons = before & both.second(turning) & (both.second(reach) >= cast.static(_first_turns))
     ahead = front < at.begin
     on_mine = (front >= at.begin) & (both.first(rear) <= at.end) & both.first(block.here)
     on_theirs = (their_front >= at.begin_of_two) & (both.second(rear) <= at.end_of_two) & both.second(block.here)
     reasons |= on_theirs & (ahead | on_mine)
     comes, debts = due(block), _debts(block)
     reasons |= ahead & their_within & (their_front < at.begin_of_two) & ~debts.given
-    reasons |= before & comes & both.second(_walks(block))
+    reasons |= before & comes & both.second(block.need("speed") > PACE)
     reasons |= ahead & debts.owed & (comes | both.second(first_at_line(block)))
     reasons &= before | both.first(within) | apart
     if cast.aside.any():
@@ -343,27 +325,6 @@ def _may_lose(block: Block) -> NDArray[np.float64]:
     return _slowness(block, advance(block))
 
 
-@signal
-def _loses(block: Block) -> NDArray[np.bool_]:
-    """Return whether each vehicle loses time if it could go, which is not checked."""
-    losing: NDArray[np.bool_] = _may_lose(block) > 0.0
-    return losing
-
-
-@signal
-def _far_down(block: Block) -> NDArray[np.bool_]:
-    """Return whether each vehicle is so far down its exit road that its drive is over."""
-    far: NDArray[np.bool_] = block.need("station") - block.cast.way >= LEAVE
-    return far
-
-
-@signal(pairs=neighbours)
-def _trails(block: Block) -> NDArray[np.bool_]:
-    """Return whether the first vehicle of each pair is so near behind the second that both belong to the same queue."""
-    trailing: NDArray[np.bool_] = ahead_by(block) < QUEUE_GAP
-    return trailing
-
-
 @signal(needs=_need_everything)
 def may_go(block: Block) -> NDArray[np.bool_]:
     """Return whether each vehicle could go: no light stops it, and it waits for no vehicle, or only in a circle of vehicles.
@@ -371,9 +332,10 @@ def may_go(block: Block) -> NDArray[np.bool_]:
     In the queue before the junction, a vehicle could go only if the vehicle ahead could go and loses time. A vehicle far down its
     exit road has ended its drive, and the value is false.
     """
-    cast, near, slow = block.cast, block.cast.static(neighbours), _loses(block)
-    free: NDArray[np.bool_] = block.here & ~_far_down(block) & ~_at_light(block) & ~circles(block).held
-    trailing = near.first(block.zone <= ENTRANCE) & _trails(block)
+    cast, near, slow = block.cast, block.cast.static(neighbours), _may_lose(block) > 0.0
+    on_its_way = block.need("station") - cast.way < LEAVE
+    free: NDArray[np.bool_] = block.here & on_its_way & ~_at_light(block) & ~circles(block).held
+    trailing = near.first(block.zone <= ENTRANCE) & (ahead_by(block) < QUEUE_GAP)
     while trailing.any():
         excused = free & near.any(trailing & ~near.second(free & slow), len(cast))
         if not excused.any():
@@ -433,8 +395,7 @@ def losses(
 def idles(block: Block) -> NDArray[np.bool_]:
     """Return whether each vehicle has lost more time than `PATIENCE` in the present part of its way, although it could go."""
     lost: Lost = losses(block)
-    idling: NDArray[np.bool_] = np.maximum(lost.idle, lost.circle) > PATIENCE
-    return idling
+    return np.maximum(lost.idle, lost.circle) > PATIENCE
 
 
 @signal(needs=_need_everything)
