@@ -59,6 +59,15 @@ class Period:
     """Numbers of all vehicles that are present in the period, increasing."""
 
 
+def near_junction(station: NDArray[np.float64], speed: NDArray[np.float64], line: float, leave: float) -> NDArray[np.bool_]:
+    """Return whether a vehicle is near the junction at given stations [m] and speeds [m/s].
+
+    A vehicle is near from `NEAR` before its stopping line at the station `line` on, or from the distance that it drives in
+    `NEAR_TIME` if this distance is longer, up to the station `leave` [m].
+    """
+    return (station >= line - np.maximum(NEAR, NEAR_TIME * np.maximum(speed, 0.0))) & (station <= leave)
+
+
 def busy_periods(spans: Sequence[Span], lines: Sequence[float], leave: Sequence[float]) -> tuple[Period, ...]:
     """Return the busy periods of a junction in order.
 
@@ -67,8 +76,7 @@ def busy_periods(spans: Sequence[Span], lines: Sequence[float], leave: Sequence[
     # The first and the last time at which each vehicle is near the junction [s]; None if it never comes near.
     near: list[tuple[float, float] | None] = []
     for (times, station, speed), line, last in zip(spans, lines, leave, strict=True):
-        reach = np.maximum(NEAR, NEAR_TIME * np.maximum(speed, 0.0))
-        samples = np.flatnonzero((station >= line - reach) & (station <= last))
+        samples = np.flatnonzero(near_junction(station, speed, line, last))
         near.append((float(times[samples[0]]), float(times[samples[-1]])) if len(samples) else None)
     order = sorted((*both, number) for number, both in enumerate(near) if both is not None)
     groups: list[list[int]] = []

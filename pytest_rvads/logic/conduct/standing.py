@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.ways import Key
-from pytest_rvads.logic.conduct.blocks import APPROACH, ENTRANCE, EXIT, JUNCTION, Block, Cast, Pairs, pairs, signal, sized
+from pytest_rvads.logic.conduct.blocks import APPROACH, ENTRANCE, EXIT, JUNCTION, Block, Cast, Pairs, Signal, pairs, signal, sized
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.run import Facts, Run
 from pytest_rvads.support.errors import RunError
@@ -276,37 +276,15 @@ def limits_of(junction: Junction, way: Key, facts: Facts) -> tuple[tuple[float, 
     return known_limits
 
 
-@signal
-def in_junction(block: Block) -> NDArray[np.bool_]:
-    """Return whether each vehicle is in the junction (``a@j``), with its reference point on a movement of the junction."""
-    return block.zone == JUNCTION
-
-
-@signal
-def at_entrance(block: Block) -> NDArray[np.bool_]:
-    """Return whether each vehicle is at its entrance (``a@j.en``)."""
-    return block.zone == ENTRANCE
-
-
-@signal
-def on_approach(block: Block) -> NDArray[np.bool_]:
-    """Return whether each vehicle is on the road to its entrance (``a@r``); the entrance zone is part of the road."""
-    return (block.zone == APPROACH) | (block.zone == ENTRANCE)
-
-
-@signal
-def on_exit(block: Block) -> NDArray[np.bool_]:
-    """Return whether each vehicle is on its exit road (``a@j.ex`` and ``a@r``), which begins with the exit vertex."""
-    return block.zone == EXIT
-
-
-@signal(otherwise=np.nan)
-def speed(block: Block) -> NDArray[np.float64]:
-    """Return the speed of each vehicle, ``a.sp`` [m/s]."""
-    return block.need("speed")
-
-
-@signal(of_entrances=True)
-def colour(block: Block) -> NDArray[np.int8]:
-    """Return the colour of the light at every entrance, ``lt.cl``."""
-    return block.lights
+in_junction = signal(lambda block: block.zone == JUNCTION)
+"""Whether each vehicle is in the junction (``a@j``), with its reference point on a movement of the junction."""
+at_entrance = signal(lambda block: block.zone == ENTRANCE)
+"""Whether each vehicle is at its entrance (``a@j.en``)."""
+on_approach = signal(lambda block: (block.zone == APPROACH) | (block.zone == ENTRANCE))
+"""Whether each vehicle is on the road to its entrance (``a@r``); the entrance zone is part of the road."""
+on_exit = signal(lambda block: block.zone == EXIT)
+"""Whether each vehicle is on its exit road (``a@j.ex`` and ``a@r``), which begins with the exit vertex."""
+speed = Signal(lambda block: block.need("speed"), otherwise=np.nan)
+"""The speed of each vehicle, ``a.sp`` [m/s]."""
+colour = Signal(lambda block: block.lights, of_entrances=True)
+"""The colour of the light at every entrance, ``lt.cl``."""

@@ -41,7 +41,7 @@ from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.conduct.bodies import close
 from pytest_rvads.logic.conduct.rights import Ground, ground_of, in_turn, lit, may_owe
 from pytest_rvads.runs.itineraries import LEAVE, itinerary
-from pytest_rvads.runs.recording import NEAR, NEAR_TIME, zones
+from pytest_rvads.runs.recording import near_junction, zones
 from pytest_rvads.runs.run import DT, Run, once
 from pytest_rvads.runs.states import Agent, Colour, Zone
 
@@ -155,20 +155,16 @@ def together(run: Run) -> frozenset[tuple[int, int]] | None:
 def near(run: Run) -> NDArray[np.int64]:
     """Return the first tick and the tick after the last tick in which every agent is near the junction, shape ``(agents, 2)``.
 
-    An agent is near from `NEAR` before its stopping line on, or from the distance that it drives in `NEAR_TIME` if this distance
-    is longer, until its whole body has left the junction.
+    An agent is near, see `near_junction`, until its whole body has left the junction.
     """
     spans = np.zeros((len(run.agents), 2), dtype=np.int64)
     for column, agent in enumerate(run.agents):
         begin, end = run.spans[column]
         station = run.need("station")[begin:end, column]
         speed = np.zeros_like(station) if run.speed is None else run.speed[begin:end, column]
-        reach = np.maximum(NEAR, NEAR_TIME * np.maximum(speed, 0.0))
-        end_of_stay = agent.way.length + max(LEAVE, agent.size[0] if agent.size else 0.0)
-        near_line = (
-            (station >= -run.junction.setbacks[agent.entrance] - reach) & (station <= end_of_stay) & run.here[begin:end, column]
-        )
-        ticks = np.flatnonzero(near_line)
+        leave = agent.way.length + max(LEAVE, agent.size[0] if agent.size else 0.0)
+        close_by = near_junction(station, speed, -run.junction.setbacks[agent.entrance], leave)
+        ticks = np.flatnonzero(close_by & run.here[begin:end, column])
         if len(ticks):
             spans[column] = begin + ticks[0], begin + ticks[-1] + 1
     return spans

@@ -105,9 +105,12 @@ def places(of: Callable[[Cast], Pairs], common: Callable[[Cast, int, int], Share
 _meeting_places = places(meeting, shared)
 
 
-@signal(pairs=meeting)
-def _both_there(block: Block) -> NDArray[np.bool_]:
-    """Return whether the bodies of both vehicles of each pair are on a stretch shared by their ways."""
+@signal(pairs=meeting, needs=sized)
+def meet(block: Block) -> NDArray[np.bool_]:
+    """Return whether the vehicles of each pair meet: the bodies of both are on a stretch shared by their ways.
+
+    Vehicles with movements into the same exit meet while they are side by side, not while one vehicle follows the other.
+    """
     cast, both, at = block.cast, block.cast.static(meeting), block.cast.static(_meeting_places)
     front = block.need("station")
     rear = front - cast.length
@@ -117,16 +120,6 @@ def _both_there(block: Block) -> NDArray[np.bool_]:
     if cast.crossing.any():  # the stretch can begin at the kerb, where a pedestrian stands in nobody's way
         on_road = ~cast.crossing | (block.zone > ENTRANCE)
         meeting_pairs &= both.first(on_road) & both.second(on_road)
-    return meeting_pairs
-
-
-@signal(pairs=meeting, needs=sized)
-def meet(block: Block) -> NDArray[np.bool_]:
-    """Return whether the vehicles of each pair meet: the bodies of both are on a stretch shared by their ways.
-
-    Vehicles with movements into the same exit meet while they are side by side, not while one vehicle follows the other.
-    """
-    cast, both, at, meeting_pairs = block.cast, block.cast.static(meeting), block.cast.static(_meeting_places), _both_there(block)
     if meeting_pairs.any():
         front = block.need("station") - cast.way
         rear = block.need("station") - cast.length - cast.way
