@@ -15,7 +15,7 @@ from pytest_rvads.logic.conduct.standing import stopped
 from pytest_rvads.logic.conduct.static_model import near, together
 from pytest_rvads.logic.conduct.validate import validate
 from pytest_rvads.logic.judging.verdicts import Status
-from pytest_rvads.runs import periods
+from pytest_rvads.runs import recording as recordings
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.runfile import load_run, save_run
 from pytest_rvads.runs.states import Colour, Zone
@@ -68,7 +68,7 @@ def test_excerpts_say_what_the_whole_recording_says(choices: Choices, later: int
     whole = recorded(strung(runs, [later * number for number in range(len(runs))]))
     (single,) = uncut(whole)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(periods, "MOST_JUDGED", 3)
+        patch.setattr(recordings, "MOST_JUDGED", 3)
         parts = list(replace(whole))
     assert len(parts) > 1
     for rule in concerning(single):

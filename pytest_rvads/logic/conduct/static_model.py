@@ -51,8 +51,12 @@ class Static:
     """The part of the paper's model that is constant in a run: junction, lights and itineraries (Algorithm 1)."""
 
     junction: Junction
+    entrances: int
+    exits: int
     lights: tuple[int, ...]
     """Entrances with a light."""
+    signs: tuple[int, ...]
+    """Entrances with a stop sign."""
     agents: tuple[Agent, ...]
     grounds: frozenset[tuple[int, int, Ground]] | None = frozenset()
     """Triples of a first agent, a second agent (both by column), and the ground on which the first has to give way to the second.
@@ -93,14 +97,9 @@ class Static:
         pairs = ", ".join(f"{a} right-of {b}" for a, b in sorted(junction.right_of))
         facing = ", ".join(f"{a} opposite {b}" for a, b in sorted(junction.opposite) if a < b)
         agents = ", ".join(f"{a.name}: {a.entrance} -> {a.exit} ({a.turn})" for a in self.agents)
-        kinds = (("lights", self.lights), ("stop signs", stop_signs(junction)))
+        kinds = (("lights", self.lights), ("stop signs", self.signs))
         objects = ", ".join(f"{kind} at {list(places)}" for kind, places in kinds if places) or "no lights or stop signs"
-        return f"{len(junction.entrances)} entrances, {objects}; {pairs or 'no right-of'}; {facing or 'no opposite'}; {agents}"
-
-
-def stop_signs(junction: Junction) -> tuple[int, ...]:
-    """Return the entrances with a stop sign."""
-    return tuple(k for k, entrance in enumerate(junction.entrances) if entrance.sign is Sign.STOP)
+        return f"{self.entrances} entrances, {objects}; {pairs or 'no right-of'}; {facing or 'no opposite'}; {agents}"
 
 
 def extract(run: Run) -> Static:
@@ -122,7 +121,10 @@ def extract(run: Run) -> Static:
         owing = frozenset((one, two) for one, two in pairs if (ways[one], ways[two]) in conflicts and may_owe(run, one, two))
     return Static(
         junction,
+        len(junction.entrances),
+        len(junction.exits),
         tuple(k for k in range(len(junction.entrances)) if lit(junction, k) or run.lights[:, k].any()),
+        tuple(k for k, entrance in enumerate(junction.entrances) if entrance.sign is Sign.STOP),
         run.agents,
         grounds,
         owing,

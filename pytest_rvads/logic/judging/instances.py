@@ -16,7 +16,7 @@ from math import prod
 
 import numpy as np
 
-from pytest_rvads.logic.conduct.static_model import Static, stop_signs
+from pytest_rvads.logic.conduct.static_model import Static
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.boolean import Budget, conj, disj, plain, rebuild, replaced
 from pytest_rvads.logic.ltl.ltl3 import Machine, evaluate, synthesize
@@ -81,17 +81,17 @@ def domain(sort: str, static: Static) -> tuple[f.Element, ...]:
             return tuple(f.Element(sort, i, f"lt{i}") for i in static.lights)
         case Sort.OBJECT:
             lights = tuple(f.Element(Sort.LIGHT, i, f"lt{i}") for i in static.lights)
-            return lights + tuple(f.Element(sort, i, f"sign{i}") for i in stop_signs(static.junction))
+            return lights + tuple(f.Element(sort, i, f"sign{i}") for i in static.signs)
         case Sort.JUNCTION:
             return (HERE,)
         case Sort.ENTRANCE:
-            return tuple(f.Element(sort, i, f"j.en{i}") for i in range(len(static.junction.entrances)))
+            return tuple(f.Element(sort, i, f"j.en{i}") for i in range(static.entrances))
         case Sort.EXIT:
-            return tuple(f.Element(sort, i, f"j.ex{i}") for i in range(len(static.junction.exits)))
+            return tuple(f.Element(sort, i, f"j.ex{i}") for i in range(static.exits))
         case Sort.VERTEX:
             return domain(Sort.ENTRANCE, static) + domain(Sort.EXIT, static)
         case Sort.ROAD:  # the roads into the junction, then the roads out of the junction
-            return tuple(f.Element(sort, i, f"r{i}") for i in range(len(static.junction.entrances) + len(static.junction.exits)))
+            return tuple(f.Element(sort, i, f"r{i}") for i in range(static.entrances + static.exits))
 
 
 def _choices(variable: f.Binder, body: f.Formula, bound: Iterable[f.Element], static: Static) -> Iterable[f.Element]:

@@ -35,7 +35,7 @@ from pytest_rvads.logic.conduct.standing import (
     waited,
     wt,
 )
-from pytest_rvads.logic.conduct.static_model import Static, stop_signs
+from pytest_rvads.logic.conduct.static_model import Static
 from pytest_rvads.logic.conduct.stretches import meet, stepped_on_walk, takes_crosswalk
 from pytest_rvads.logic.conduct.waiting import blocks, idles, may_go, on_crosswalk, stands_on_crosswalk, waits_to_cross
 from pytest_rvads.logic.ltl import formula as f
@@ -71,7 +71,7 @@ def _may_be_at(static: Static, thing: f.Element, place: f.Element) -> bool | Non
         case Sort.EXIT:
             return None if agent.exit == place.index else False
         case Sort.ROAD:
-            return None if place.index in (agent.entrance, len(static.junction.entrances) + agent.exit) else False
+            return None if place.index in (agent.entrance, static.entrances + agent.exit) else False
     return None
 
 
@@ -359,7 +359,7 @@ BUILT_IN = Vocabulary.of(
         decide=lambda s, one, two: one != two and (s.by_arrival is None or (one.index, two.index) in s.by_arrival),
         static="agent",
     ),
-    _word("stop_sign", ("entrance",), decide=lambda s, entrance: entrance.index in stop_signs(s.junction), static="entrance"),
+    _word("stop_sign", ("entrance",), decide=lambda s, entrance: entrance.index in s.signs, static="entrance"),
     _word(
         "entex",
         ("entrance or vertex", "exit or vertex"),
