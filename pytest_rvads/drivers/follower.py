@@ -30,8 +30,13 @@ CALM = 0.7
 """Largest lateral acceleration on a planned path [m/s^2]: at 2.5 m/s^2, tyres slip and the rear axle leaves the path by 4 cm."""
 
 
-Pace = tuple[tuple[float, float], ...]
-"""Pairs of a station of the rear axle on the itinerary [m] and the highest speed on a planned path at this station [m/s]."""
+class Pace(NamedTuple):
+    """The highest speed at a place of a planned path."""
+
+    station: float
+    """Station of the rear axle on the itinerary [m]."""
+    speed: float
+    """Highest speed [m/s]."""
 
 
 class AxlePath(NamedTuple):
@@ -42,7 +47,7 @@ class AxlePath(NamedTuple):
     """Heading at every point of the path, without jumps [rad]."""
     bends: tuple[float, ...]
     """Curvature at every point [1/m]."""
-    pace: Pace
+    pace: tuple[Pace, ...]
     poses: tuple[Pose, ...]
     """Poses of the rear axle at the stations of `pace`."""
 
@@ -75,11 +80,11 @@ def axle_path(itinerary: Itinerary, vehicle: Vehicle, lane_width: float, start: 
     return AxlePath(path, tuple(headings.tolist()), tuple(bends.tolist()), _pace(planned, vehicle), poses)
 
 
-def _pace(planned: Plan, vehicle: Vehicle) -> Pace:
+def _pace(planned: Plan, vehicle: Vehicle) -> tuple[Pace, ...]:
     change = np.abs(np.diff(planned.bend, append=0.0)) / STEP
     turning = QUICK * vehicle.steering_rate / (vehicle.wheelbase * np.maximum(change, 1e-3))
     pace = np.minimum(turning, np.sqrt(CALM / np.maximum(np.abs(planned.bend), 1e-3)))
-    return tuple(zip(planned.stations.tolist(), pace.tolist(), strict=True))
+    return tuple(map(Pace, planned.stations.tolist(), pace.tolist()))
 
 
 BEND = 2.5
@@ -260,7 +265,7 @@ class Follower(Autopilot):
             )
             self._track = track(seen.itinerary, back, way)
             if way:
-                self._way, self._axle = way, seen.me.station - back - way.pace[0][0]
+                self._way, self._axle = way, seen.me.station - back - way.pace[0].station
         return self._track
 
     def drive(self, seen: Observation, acceleration: float) -> Control:
@@ -284,7 +289,7 @@ class Follower(Autopilot):
             self.track(seen)
             self._wheels = seen.vehicle.rear_axle_offset, seen.vehicle.wheelbase
         back, wheelbase = self._wheels
-        if self._way is not None and self._way.pace[0][0] <= me.station - back <= self._way.pace[-1][0]:
+        if self._way is not None and self._way.pace[0].station <= me.station - back <= self._way.pace[-1].station:
             # In a narrow bend, the station of the front does not determine the position of the rear axle, so the rear axle is
             # projected onto its path. The angle follows the curvature of the path, and corrects offset and heading without
             # overshooting.

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.runs.itineraries import itinerary
+from pytest_rvads.runs.itineraries import Itinerary, itinerary
 from pytest_rvads.runs.run import DT, Excerpt, Facts, Run
 from pytest_rvads.runs.smoothing import BRIEF, DERIVED, PACE, beside
 from pytest_rvads.runs.states import Agent, Colour, Kind, Zone
@@ -38,9 +38,6 @@ The time is not below `pytest_rvads.logic.conduct.rights.DUE`.
 """
 MOST_JUDGED = 24
 """Most vehicles that are judged in one run. Longer periods are cut, because the cost grows with the square of the vehicles."""
-
-Span = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
-"""Times [s], stations [m] and speeds [m/s] of a vehicle."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,16 +65,13 @@ def near_junction(station: NDArray[np.float64], speed: NDArray[np.float64], line
     return (station >= line - np.maximum(NEAR, NEAR_TIME * np.maximum(speed, 0.0))) & (station <= leave)
 
 
-def busy_periods(spans: Sequence[Span], lines: Sequence[float], leave: Sequence[float]) -> tuple[Period, ...]:
-    """Return the busy periods of a junction in order.
-
-    Per vehicle, `lines` has the station of its stopping line, and `leave` the station from which on it has left the junction [m].
-    """
+def busy_periods(tracks: Sequence[Track], ways: Sequence[Itinerary]) -> tuple[Period, ...]:
+    """Return the busy periods of a junction in order, given the way of every track."""
     # The first and the last time at which each vehicle is near the junction [s]; None if it never comes near.
     near: list[tuple[float, float] | None] = []
-    for (times, station, speed), line, last in zip(spans, lines, leave, strict=True):
-        samples = np.flatnonzero(near_junction(station, speed, line, last))
-        near.append((float(times[samples[0]]), float(times[samples[-1]])) if len(samples) else None)
+    for track, way in zip(tracks, ways, strict=True):
+        samples = track.times[near_junction(track.station, track.speed, way.line, way.leave)]
+        near.append((float(samples[0]), float(samples[-1])) if len(samples) else None)
     order = sorted((*both, number) for number, both in enumerate(near) if both is not None)
     groups: list[list[int]] = []
     until = -np.inf
@@ -86,7 +80,7 @@ def busy_periods(spans: Sequence[Span], lines: Sequence[float], leave: Sequence[
             groups.append([])
         groups[-1].append(number)
         until = max(until, end)
-    begins, ends = (np.array([span[0][k] for span in spans]) for k in (0, -1))
+    begins, ends = (np.array([track.times[k] for track in tracks]) for k in (0, -1))
     periods = []
     for group in groups:
         begin, end = float(begins[group].min()), float(ends[group].max())
@@ -199,9 +193,7 @@ class Recording(Sequence[Run]):
     @cached_property
     def periods(self) -> tuple[Period, ...]:
         """Times at which vehicles were near the junction, each with the numbers of its agents in `tracks`."""
-        spans = [(track.times, track.station, track.speed) for track in self.tracks]
-        ways = [itinerary(self.junction, *track.agent.way.key) for track in self.tracks]
-        periods = busy_periods(spans, [way.line for way in ways], [way.leave for way in ways])
+        periods = busy_periods(self.tracks, [itinerary(self.junction, *track.agent.way.key) for track in self.tracks])
         return tuple(period for period in periods if any(_drives(self.tracks[number]) for number in period.present))
 
     def _run(self, period: Period) -> Run:
