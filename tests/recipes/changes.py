@@ -313,7 +313,7 @@ class Idler(Reference):
         return 0.0
 ''',
             "pytest_rvads/drivers/traffic.py": (
-                ("from functools import partial\n\n", "from pytest_rvads.drivers.idler import Idler\n"),
+                ("import numpy as np\n\n", "from pytest_rvads.drivers.idler import Idler\n"),
                 ('    "stopped": Stopped,\n', '    "idler": Idler,\n'),
             ),
         },

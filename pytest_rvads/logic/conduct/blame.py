@@ -141,8 +141,8 @@ def _of_walker(run: Run, vehicle: int, walker: int, tick: int, place: float, com
             before = np.flatnonzero(~comes[:tick])
             since = int(before[-1]) + 1 if len(before) else 0
         else:  # on the crosswalk without a claim
-            since = _entry(run, walker, tick)
-            since = tick if since is None else since
+            entry = _entry(run, walker, tick)
+            since = tick if entry is None else entry
         stood = ((run.need("station")[:, vehicle] < place) & stands(run, vehicle))[since : tick + 1].any()
         noticed = max(since + round(REACTION / run.dt), int(run.spans[vehicle, 0]))  # before, a recorded vehicle can be absent
         if stood or (noticed < tick and _can_stop(run, vehicle, noticed, place)):

@@ -125,7 +125,6 @@ def everybody(cast: Cast) -> Pairs:
     return pairs(cast, lambda _one, _two: True)
 
 
-_Value = TypeVar("_Value")
 APPROACH, ENTRANCE, JUNCTION, EXIT, GONE, ABSENT = map(int, Zone)
 """The zones as plain numbers: numpy compares arrays with members of an enumeration several times as slowly."""
 

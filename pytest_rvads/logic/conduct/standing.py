@@ -284,7 +284,7 @@ on_approach = signal(lambda block: (block.zone == APPROACH) | (block.zone == ENT
 """Whether each vehicle is on the road to its entrance (``a@r``); the entrance zone is part of the road."""
 on_exit = signal(lambda block: block.zone == EXIT)
 """Whether each vehicle is on its exit road (``a@j.ex`` and ``a@r``), which begins with the exit vertex."""
-speed = Signal(lambda block: block.need("speed"), otherwise=np.nan)
+speed: Signal[NDArray[np.float64]] = Signal(lambda block: block.need("speed"), otherwise=np.nan)
 """The speed of each vehicle, ``a.sp`` [m/s]."""
-colour = Signal(lambda block: block.lights, of_entrances=True)
+colour: Signal[NDArray[np.int8]] = Signal(lambda block: block.lights, of_entrances=True)
 """The colour of the light at every entrance, ``lt.cl``."""

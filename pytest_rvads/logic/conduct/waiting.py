@@ -121,6 +121,13 @@ def at_line(block: Block) -> NDArray[np.bool_]:
     return (block.zone <= ENTRANCE) & (block.need("station") > block.cast.static(lines) - AT_LINE)
 
 
+@signal(pairs=partners)
+def due(block: Block) -> NDArray[np.bool_]:
+    """Return whether each pair's second vehicle is due: it comes soon, see `coming`, or is first at its line and may go."""
+    both, at = block.cast.static(partners), block.cast.static(_places)
+    return coming(block, both, at) | both.second(ready(block) & block.here) & ~np.isnan(at.begin)
+
+
 @signal(pairs=walkers)
 def lets_walk(block: Block) -> NDArray[np.bool_]:
     """Return whether the vehicle of each pair has a reason to wait for the pedestrian, who walks or stands on the crosswalk.
@@ -151,10 +158,10 @@ def lets_pass(block: Block) -> NDArray[np.bool_]:
     on_mine = (front >= at.begin) & (both.first(rear) <= at.end) & both.first(block.here)
     on_theirs = (their_front >= at.begin_of_two) & (both.second(rear) <= at.end_of_two) & both.second(block.here)
     reasons |= on_theirs & (ahead | on_mine)
-    due, debts = coming(block, both, at) | both.second(ready(block) & block.here) & ~apart, _debts(block)
+    comes, debts = due(block), _debts(block)
     reasons |= ahead & their_within & (their_front < at.begin_of_two) & ~debts.given
-    reasons |= before & due & both.second(block.need("speed") > PACE)
-    reasons |= ahead & debts.owed & (due | both.second(first_at_line(block)))
+    reasons |= before & comes & both.second(block.need("speed") > PACE)
+    reasons |= ahead & debts.owed & (comes | both.second(first_at_line(block)))
     reasons &= before | both.first(within) | apart
     if cast.aside.any():
         reasons[:, both.first(cast.aside) | both.second(cast.aside)] = False
