@@ -24,7 +24,7 @@ _ELSEWHERE: pytest.StashKey[str] = pytest.StashKey()
 
 def code_of(factory: Any, config: pytest.Config) -> str:
     """Return file and digest (or version) of a driver or simulator, such as `` (pilots.py 3fa29c01)``, or an empty text."""
-    from pytest_rvads.drivers.naming import source
+    from pytest_rvads.drivers.identity import source
 
     code = source(factory, config.invocation_params.dir)
     return f" ({code})" if code else ""

@@ -20,8 +20,9 @@ from typing import Any, NamedTuple
 
 import msgspec
 
+from pytest_rvads.drivers.identity import identity
 from pytest_rvads.drivers.interface import Factory
-from pytest_rvads.drivers.naming import called, identity
+from pytest_rvads.drivers.naming import called
 from pytest_rvads.drivers.traffic import policy_name
 from pytest_rvads.logic.rules.book import SHIPPED, get_rule, is_rulebook, rules_for
 from pytest_rvads.logic.rules.rule import Rule

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, Unpack
 import pytest
 from msgspec import structs
 
+from pytest_rvads.drivers.identity import source
 from pytest_rvads.drivers.interface import check_factory
-from pytest_rvads.drivers.naming import source
 from pytest_rvads.drivers.traffic import Policy
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction

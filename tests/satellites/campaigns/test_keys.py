@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import pytest_rvads as rvads
-from pytest_rvads.drivers.naming import identity, source
+from pytest_rvads.drivers.identity import identity, source
 from pytest_rvads.satellites.campaigns.campaign import Keys
 
 STOP = rvads.find("stop4")
