@@ -12,7 +12,7 @@ of linear temporal logic, FM 1999).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum, auto
 from functools import reduce
@@ -228,11 +228,11 @@ class _Explorer:
                 moves = self.both(moves, self.unfold(low.bit_length() - 1))
                 pending ^= low
             numbered = []
-            for move in moves:
-                if move.target not in index:
-                    index[move.target] = len(order)
-                    order.append(move.target)
-                numbered.append(move._replace(target=index[move.target]))
+            for letters, target, off in moves:
+                if target not in index:
+                    index[target] = len(order)
+                    order.append(target)
+                numbered.append(_Move(letters, index[target], off))
             self.budget.spend(20 + 4 * len(numbered))
             edges.append(numbered)
         return edges
@@ -273,9 +273,9 @@ class _Explorer:
     def both(self, moves: list[_Move], others: list[_Move]) -> list[_Move]:
         """Return the combinations of a move of each list: their common letters, all their obligations and put-off nodes."""
         self.budget.spend(1 + len(moves) * len(others) // 4)
-        return self.prune([_Move(a & d, b | e, c | g) for a, b, c in moves for d, e, g in others if a & d])
+        return self.prune((a & d, b | e, c | g) for a, b, c in moves for d, e, g in others if a & d)
 
-    def prune(self, moves: list[_Move]) -> list[_Move]:
+    def prune(self, moves: Iterable[tuple[int, int, int]]) -> list[_Move]:
         """Return the moves without those letters on which another move leaves fewer obligations and puts off fewer U nodes."""
         merged: dict[tuple[int, int], int] = {}
         for letters, target, off in moves:
@@ -283,9 +283,9 @@ class _Explorer:
         minimal: list[_Move] = []
         for (target, off), letters in sorted(merged.items(), key=lambda m: (m[0][0].bit_count() + m[0][1].bit_count(), m[0])):
             self.budget.spend(1 + len(minimal) // 8)
-            for move in minimal:
-                if move.target & ~target == 0 and move.off & ~off == 0:
-                    letters &= ~move.letters
+            for covered, k_target, k_off in minimal:
+                if k_target & ~target == 0 and k_off & ~off == 0:
+                    letters &= ~covered
                     if not letters:
                         break
             if letters:
