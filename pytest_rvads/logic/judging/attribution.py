@@ -28,7 +28,7 @@ from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.ltl3 import evaluate, settle
 from pytest_rvads.logic.rules.lexicon import word_of
 from pytest_rvads.logic.rules.rule import Kind, agents_of
-from pytest_rvads.logic.rules.vocabulary import Bend
+from pytest_rvads.logic.rules.vocabulary import TightBend
 from pytest_rvads.runs.run import Run, once
 from pytest_rvads.support.errors import RunError
 
@@ -184,7 +184,7 @@ def unavoidable(judgements: Iterable[Judgement], templates: Iterable[Template], 
 def _beyond(atom: f.Atom, run: Run) -> bool:
     """Return whether no driver could have kept an atom about one vehicle false, such as leaving the lane in a tight bend."""
     word, agents = word_of(atom), agents_of(atom)
-    excuses = word is not None and word.bend is Bend.EXCUSES
+    excuses = word is not None and word.bend is TightBend.EXCUSES
     return excuses and len(agents) == 1 and beyond_steering(run, agents[0].index)
 
 

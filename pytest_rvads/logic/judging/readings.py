@@ -33,7 +33,7 @@ from pytest_rvads.logic.judging.orders import about_order, certain, crossings, p
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.rules.lexicon import word_of
 from pytest_rvads.logic.rules.rule import agents_of
-from pytest_rvads.logic.rules.vocabulary import Debt, Measured
+from pytest_rvads.logic.rules.vocabulary import Measured, RightOfWay
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.recording import zones
 from pytest_rvads.runs.run import Excerpt, Run, once
@@ -149,7 +149,7 @@ def _left_early(run: Run, j: Judgement) -> bool:
     if j.status is not Status.PASS or j.ended is None:
         return False
     words = ((word_of(atom), [e.index for e in agents_of(atom)]) for atom in j.template.atoms)
-    taking = (agents for word, agents in words if word is not None and word.debt is Debt.TAKES)
+    taking = (agents for word, agents in words if word is not None and word.debt is RightOfWay.TAKEN)
     return any(owes(run, *agents)[j.ended] and run.zone[j.ended, agents[0]] >= Zone.JUNCTION for agents in taking)
 
 

@@ -40,7 +40,7 @@ from pytest_rvads.logic.conduct.stretches import meet, stepped_on_walk, takes_cr
 from pytest_rvads.logic.conduct.waiting import blocks, idles, may_go, on_crosswalk, stands_on_crosswalk, waits_to_cross
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.current import PACKAGE
-from pytest_rvads.logic.rules.vocabulary import Attribute, Bend, Debt, FromZones, Measured, Sort, Vocabulary, Word
+from pytest_rvads.logic.rules.vocabulary import Attribute, FromZones, Measured, RightOfWay, Sort, TightBend, Vocabulary, Word
 from pytest_rvads.runs.run import Run, once
 from pytest_rvads.runs.states import Colour
 from pytest_rvads.support.errors import RunError
@@ -184,7 +184,7 @@ BUILT_IN = Vocabulary.of(
         turns_on=(Measured.SIZES, Measured.ALONG),
         present=True,
         cause=_cause,
-        bend=Bend.CAN_CAUSE,
+        bend=TightBend.CAN_CAUSE,
         any_way=True,
     ),
     _word(
@@ -195,7 +195,7 @@ BUILT_IN = Vocabulary.of(
         "{0} need not let {1} pass",
         decide=_may_owe,
         turns_on=_MOVES,
-        debt=Debt.OWES,
+        debt=RightOfWay.OWED,
     ),
     _word(
         "obstructs",
@@ -205,7 +205,7 @@ BUILT_IN = Vocabulary.of(
         "{0} does not get in the way of {1}",
         decide=_may_owe,
         turns_on=_MOVES,
-        debt=Debt.TAKES,
+        debt=RightOfWay.TAKEN,
     ),
     *(
         _word(
@@ -273,7 +273,7 @@ BUILT_IN = Vocabulary.of(
         "{0} is outside its lane",
         "{0} is in its lane",
         turns_on=(Measured.SIZES, Measured.SIDES),
-        bend=Bend.EXCUSES,
+        bend=TightBend.EXCUSES,
     ),
     _word(
         "lane_allows",
@@ -337,7 +337,7 @@ BUILT_IN = Vocabulary.of(
         "{0} is off its route",
         "{0} is on its route",
         turns_on=(Measured.SIDES,),
-        bend=Bend.CAN_CAUSE,
+        bend=TightBend.CAN_CAUSE,
     ),
     _word("speeding", _ONE, speeding, "{0} is over the speed limit", "{0} is within the speed limit", turns_on=_MOVES),
     _word("right-of", ("agent or entrance or vertex",) * 2, decide=_from_right, static="agent or entrance or vertex"),

@@ -91,14 +91,14 @@ MEASURED = (Measured.SIZES, Measured.SIDES, Measured.PACE, Measured.ALONG)
 """The kinds of measurement on which a user's predicate depends, if the user does not state the kinds."""
 
 
-class Debt(Enum):
-    """What a predicate says about the way that its first argument owes to its second argument."""
+class RightOfWay(Enum):
+    """What a predicate says about the right of way of its second argument over its first argument."""
 
-    OWES = "the first has to give way to the second"
-    TAKES = "the first gets in the way of the second; as long as it owes the way in the junction, it still can"
+    OWED = "the first has to give way to the second"
+    TAKEN = "the first gets in the way of the second; as long as it owes the way in the junction, it still can"
 
 
-class Bend(Enum):
+class TightBend(Enum):
     """What a bend in which no path keeps a vehicle in its lane does to a predicate about the vehicle."""
 
     CAN_CAUSE = "it can make the predicate true"
@@ -155,12 +155,12 @@ class Word:
     """In which runs the truth follows from the zones of vehicles alone."""
     present: bool = False
     """Whether the predicate is false for absent vehicles."""
-    debt: Debt | None = None
+    debt: RightOfWay | None = None
     """What the predicate says about the right of way between its two arguments; None if it says nothing about it."""
     cause: Callable[[Run, int, int, int], Cause | None] | None = None
     """A function that takes a run, the columns of two vehicles and a tick, and returns the vehicle to blame if the predicate
     about the two vehicles breaks a rule at the tick."""
-    bend: Bend | None = None
+    bend: TightBend | None = None
     """What a bend in which no path keeps a vehicle in its lane does to the predicate; None if nothing."""
     any_way: bool = False
     """Whether the predicate allows agents on any way, such as a crossing; other predicates allow agents on movements only."""
