@@ -26,7 +26,7 @@ from pytest_rvads.logic.conduct.progress import may_go
 from pytest_rvads.logic.conduct.rights import comes_first
 from pytest_rvads.logic.conduct.standing import stopped
 from pytest_rvads.logic.conduct.waiting import due
-from pytest_rvads.logic.judging.prepare import prepare
+from pytest_rvads.logic.judging.instances import prepare
 from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.logic.rules.book import get_rule, rules_for
 from pytest_rvads.runs.run import Run

@@ -24,15 +24,14 @@ from numpy.typing import NDArray
 
 from pytest_rvads.logic.conduct.presence import colourings
 from pytest_rvads.logic.conduct.standing import STANDSTILL, in_stop_place, stands
-from pytest_rvads.logic.judging.crossings import certain, crossings
-from pytest_rvads.logic.judging.evaluate import Values
-from pytest_rvads.logic.judging.judge import judge, unsure
-from pytest_rvads.logic.judging.judgement import Binding, Hinge, Judgement, Template
-from pytest_rvads.logic.judging.orders import about_order, plain, reordered
-from pytest_rvads.logic.judging.responsibility import by_walkers, is_about
+from pytest_rvads.logic.judging.attribution import by_walkers, is_about
+from pytest_rvads.logic.judging.instances import Binding, Template
+from pytest_rvads.logic.judging.judge import Values, judge, unsure
+from pytest_rvads.logic.judging.judgement import Hinge, Judgement
+from pytest_rvads.logic.judging.orders import about_order, certain, crossings, plain, reordered
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.rules.lexicon import word_of
-from pytest_rvads.logic.rules.parts import agents_of
+from pytest_rvads.logic.rules.rule import agents_of
 from pytest_rvads.logic.rules.vocabulary import Measured
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.recording import zones

@@ -7,8 +7,9 @@ from dataclasses import replace
 
 from pytest_rvads.logic.conduct.lane import too_tight
 from pytest_rvads.logic.conduct.presence import last_seen
-from pytest_rvads.logic.judging.judgement import Judgement, columns
-from pytest_rvads.logic.judging.responsibility import Cycle, cause_between, responsible
+from pytest_rvads.logic.judging.attribution import Cycle, cause_between, responsible
+from pytest_rvads.logic.judging.instances import columns
+from pytest_rvads.logic.judging.judgement import Judgement
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, NearMiss, Status, Verdict
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.lexicon import word_of

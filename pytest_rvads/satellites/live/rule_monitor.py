@@ -18,8 +18,7 @@ from numpy.typing import ArrayLike
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.conduct.blocks import Signal
 from pytest_rvads.logic.conduct.predicates import extract
-from pytest_rvads.logic.judging.judgement import Template
-from pytest_rvads.logic.judging.prepare import prepare
+from pytest_rvads.logic.judging.instances import Template, prepare
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.ltl3 import Machine, Truth
 from pytest_rvads.logic.rules.book import RuleBook, rules_for

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from itertools import product
 
-from pytest_rvads.logic.judging.judgement import Template
-from pytest_rvads.logic.ltl.boolean import holds
-from pytest_rvads.logic.ltl.ltl3 import Machine, Truth
+from pytest_rvads.logic.judging.instances import Template
+from pytest_rvads.logic.ltl.ltl3 import Machine, Truth, holds
 
 
 class Fact:

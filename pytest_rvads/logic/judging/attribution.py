@@ -19,14 +19,14 @@ from pytest_rvads.logic.conduct.cast import Cause, may_owe
 from pytest_rvads.logic.conduct.presence import colourings, on_each_way, window
 from pytest_rvads.logic.conduct.progress import may_go
 from pytest_rvads.logic.conduct.rights import WAIVER, waives
-from pytest_rvads.logic.judging.evaluate import Values
-from pytest_rvads.logic.judging.judgement import Judgement, Template, columns
+from pytest_rvads.logic.judging.instances import Template, columns
+from pytest_rvads.logic.judging.judge import Values
+from pytest_rvads.logic.judging.judgement import Judgement
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.ltl.boolean import evaluate
-from pytest_rvads.logic.ltl.finite import settle
+from pytest_rvads.logic.ltl.ltl3 import evaluate, settle
 from pytest_rvads.logic.rules.lexicon import word_of
-from pytest_rvads.logic.rules.parts import Kind, agents_of
+from pytest_rvads.logic.rules.rule import Kind, agents_of
 from pytest_rvads.runs.run import Run, once
 from pytest_rvads.support.errors import RunError
 
