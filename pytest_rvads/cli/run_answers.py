@@ -22,9 +22,9 @@ from pytest_rvads.cli.common import named_rules
 from pytest_rvads.logic.check import sentence, verdict_by
 from pytest_rvads.logic.conduct.kpis import arrival_differences, kpis
 from pytest_rvads.logic.conduct.validate import damage, validate
+from pytest_rvads.logic.judging.judge import undecided
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.rules.rule import Rule
-from pytest_rvads.logic.telling.phrase import undecided
 from pytest_rvads.report.record import Record, planned_record
 from pytest_rvads.report.run_record import by_rule, of_run, summed
 from pytest_rvads.runs.measured import Kpis

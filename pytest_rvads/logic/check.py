@@ -1,60 +1,43 @@
 """Judges a run by a rule: Algorithm 1 of the paper, extended by a status for obligations that are open when the run ends.
 
-`check` judges the instances of a rule (the rule for certain vehicles and entrances). `attribute` derives the status of the rule
-from the instances: which vehicle caused a violation, and whether the violation could be avoided. Which vehicle must act follows
-from the form of the rule's formula, or from the argument ``bound=`` of the rule. On a run with a subject (a vehicle under test),
-a rule passes only if a triggered instance required an action of the subject. A violation is PROVOKED if only other vehicles are
-to blame. A violation is UNAVOIDABLE if vehicles waited for each other in a circle, or if a search finds no path that keeps the
-body of the vehicle in its lane in a bend.
+`check` makes the instances of a rule (the rule for certain vehicles and entrances), judges the instances, finds who is to blame
+and what follows for the rule, and then puts the `Judgement` into words.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator
 
 from msgspec import structs
 
-from pytest_rvads.geometry.control import JunctionControl
-from pytest_rvads.geometry.crosswalks import Crossing
-from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.logic.conduct.blame import cut_short_by
-from pytest_rvads.logic.conduct.rights import held
-from pytest_rvads.logic.conduct.standing import drives
 from pytest_rvads.logic.conduct.static_model import cut_off, extract, on_each_way, without_jumps
 from pytest_rvads.logic.conduct.validate import damage
-from pytest_rvads.logic.judging.attribution import Cycle, by_walkers, find_cycle, is_about, unavoidable, waits
-from pytest_rvads.logic.judging.instances import Prepared, Template, prepare
-from pytest_rvads.logic.judging.judge import Values, asked, judge, nearest_miss
-from pytest_rvads.logic.judging.judgement import Judgement
+from pytest_rvads.logic.judging.attribution import (
+    BROKEN,
+    attribute,
+    blamed,
+    cycle_of,
+    gravest_first,
+    kept,
+    scene_of,
+)
+from pytest_rvads.logic.judging.instances import Prepared, prepare
+from pytest_rvads.logic.judging.judge import Values, certain, judge, nearest_miss, undecided
+from pytest_rvads.logic.judging.judgement import InstanceJudgement, Judgement, Reason
 from pytest_rvads.logic.judging.readings import agreed, doubted, tolerance
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.outcome import Outcome, counted
 from pytest_rvads.logic.rules.book import RuleBook, current_book, get_rule, is_rulebook, rules_for
 from pytest_rvads.logic.rules.rule import LONGEST_TIE, Rule, shape_of
 from pytest_rvads.logic.telling.explain import tell
-from pytest_rvads.logic.telling.phrase import undecided
-from pytest_rvads.logic.telling.story import Story
 from pytest_rvads.runs.run import Run, once
 from pytest_rvads.support.errors import RunError, RvadsError, require
 from pytest_rvads.support.tracebacks import located
 from pytest_rvads.support.wording import one_line
 
-NOT_RECORDED = "not recorded"
-"""First words of the reason of an NA verdict on a run that does not record the values that the rule needs."""
 _QUIET = (Outcome.PASS, Outcome.NA)
 """Outcomes of rules whose messages the verdict of a rulebook leaves out; the verdict only counts these outcomes."""
-CUT_OFF = "cut off: the run reached its duration before the subject had left the junction"
-"""Reason of an NA verdict on a run that ended before the subject had left the junction; the subject had kept the rule so far."""
-_KINDS = {
-    JunctionControl.STOP: "stop signs at all entrances",
-    JunctionControl.LIGHTS: "lights at all entrances",
-    JunctionControl.NONE: "no signs or lights",
-    JunctionControl.YIELD: "yield or priority signs",
-    JunctionControl.PARTIAL: "signs or lights at some entrances only",
-}
 
 
 def check(
@@ -115,26 +98,12 @@ def check(
         raise RunError(f"the tie window must be a number of seconds from 0 to {LONGEST_TIE:,}, got {tie!r:.60}")
     broken = once(run, damage)
     if broken:
-        return tell(Story(rule, run, Status.ERROR, reason=run.fault.reason if run.fault else str(broken[0])))
+        return tell(Judgement(rule, Status.ERROR, Reason.DAMAGED, run.fault.reason if run.fault else str(broken[0])), run)
     values = Values(without_jumps(run), window, standing=standing)
-    story = _judged(rule, values, book, run, itinerary=itinerary, standing=standing)
-    if story.status is Status.PASS and cut_off(run):
-        story = Story(rule, run, Status.NA, reason=CUT_OFF, asked=False)
-    recorded = run.excerpt is not None and run.station is not None and run.speed is not None
-    if story.status is Status.FAIL and not (story.unavoidable or story.provoked) and recorded:
-        failed = tuple(j.template for j in story.judgements if j.status is Status.FAIL)
-
-        def status_of(less_exact: Run) -> Status:
-            values = Values(without_jumps(less_exact), window, standing=standing)
-            return _overall(doubted(judge(failed, values), values, less_exact, standing=standing))
-
-        story.tolerance = tolerance(run, status_of)
-    if run.fault is None:
-        return tell(story)
-    if story.status is Status.FAIL and not (story.provoked or story.unavoidable):
-        story.notes.append(f"later, at {run.fault.time:.2f} s, the run ended by a fault: {run.fault.reason}")
-        return tell(story)
-    return tell(Story(rule, run, Status.ERROR, reason=run.fault.reason))
+    judgement = _judgement(rule, values, book, run, itinerary=itinerary)
+    if run.fault and (judgement.status is not Status.FAIL or judgement.provoked or judgement.unavoidable):
+        judgement = Judgement(rule, Status.ERROR, Reason.DAMAGED, run.fault.reason)
+    return tell(judgement, values.run)
 
 
 def verdict_by(run: Run, rule: str | Rule) -> Verdict:
@@ -163,161 +132,76 @@ def sentence(error: BaseException) -> str:
     return text or located(error)
 
 
-def _judged(rule: Rule, values: Values, book: RuleBook, sampled: Run, *, itinerary: bool, standing: bool) -> Story:
+def _judgement(rule: Rule, values: Values, book: RuleBook, sampled: Run, *, itinerary: bool) -> Judgement:
     """Judge the states of a run by a rule, and ignore a fault that ended the run; `sampled` is the run as recorded."""
     run = values.run
     if not rule.concerns(run.junction):
-        return Story(rule, run, Status.NA, reason=_elsewhere(rule, run.junction))
+        return Judgement(rule, Status.NA, Reason.ELSEWHERE)
 
     def prepared(run: Run) -> Prepared:
         return prepare(rule.formula, once(run, extract), rule.bound, itinerary=itinerary)
 
-    def judged(sampled: Run, values: Values) -> list[Judgement]:
-        templates = prepared(values.run).templates
-        return doubted(judge(templates, values), values, sampled, standing=standing) if templates else []
+    def judged(sampled: Run, values: Values) -> list[InstanceJudgement]:
+        recorded = judge(prepared(values.run).templates, values)
+        unmoved = all(lane.beyond is None for lane in values.run.junction.entrances)
+        exact = not recorded or (certain(sampled) and unmoved)
+        return recorded if exact else doubted(recorded, values, sampled)
 
     collapsed, ways = prepared(run).collapsed, undecided(run)
     try:
-        on_ways = ((on, judged(on, Values(without_jumps(on), values.tie, standing=standing))) for on in on_each_way(sampled))
+        on_ways = ((on, judged(on, values.of(without_jumps(on)))) for on in on_each_way(sampled))
         judgements = agreed(on_ways, ways) if ways else judged(sampled, values)
     except RunError as error:
-        return Story(rule, run, Status.NA, reason=f"{NOT_RECORDED}: {error}", collapsed=collapsed)
-    templates = tuple(j.template for j in judgements)
-    if not templates:
-        if shape_of(rule.formula).premise is not None or not collapsed:
-            reason = "no vehicle is in a position that the rule is about: what is static already excludes every instance"
-            return Story(rule, run, Status.NA, reason=reason, collapsed=collapsed)
-        return Story(rule, run, Status.PASS, collapsed=collapsed)
-    attribution = attribute(judgements, rule, values, book)
-    story = Story(rule, run, attribution.status, tuple(judgements), values, collapsed=collapsed)
-    story.asked, story.unavoidable, story.provoked = attribution.asked, attribution.unavoidable, attribution.provoked
-    if ways and attribution.status in _BROKEN:
-        story.notes.append(f"the verdict does not depend on {ways}")
-    if attribution.status is Status.NA:
-        if all(j.status is Status.NA for j in judgements):
-            story.reason = "never triggered: the premise of the rule never holds on the run"
-            story.near = nearest_miss(templates, values)
-        elif run.subject is None:
-            story.reason = "no vehicle moved, so no vehicle kept the rule by an action"
-        else:
-            story.reason = f"only traffic was asked: no instance that was triggered bound {run.subject}, the subject, to act"
-    if attribution.unavoidable or attribution.status is Status.OPEN:
-        story.cycle = _cycle(rule, values, templates, book)
-    if attribution.status is Status.PASS and run.facts.strayed and run.subject in (None, *run.facts.strayed):
-        story.status = Status.OPEN
-        story.reason = f"{' and '.join(run.facts.strayed)} left the route, which ended the run: the rest of the way is not known"
-    if values.tie > 0 and attribution.status is not Status.UNSURE:
+        return Judgement(rule, Status.NA, Reason.NOT_RECORDED, str(error), collapsed=collapsed)
+    if judgements:
+        return _completed(blamed(judgements, run), rule, values, book, sampled, collapsed)
+    if shape_of(rule.formula).premise is not None or not collapsed:
+        return Judgement(rule, Status.NA, Reason.EXCLUDED, collapsed=collapsed)
+    if cut_off(sampled):
+        return Judgement(rule, Status.NA, Reason.CUT_OFF, asked=False)
+    return Judgement(rule, Status.PASS, collapsed=collapsed)
+
+
+def _completed(
+    judgements: list[InstanceJudgement], rule: Rule, values: Values, book: RuleBook, sampled: Run, collapsed: int
+) -> Judgement:
+    """Return the judgement of a rule, given the judgements of its instances with the agents to blame."""
+    run, templates = values.run, tuple(j.template for j in judgements)
+    found = attribute(judgements, rule, values, book)
+    status, reason, violated = found.status, None, found.status in BROKEN
+    if status is Status.NA:
+        idle = Reason.NOBODY_MOVED if run.subject is None else Reason.NOT_ASKED
+        reason = Reason.NEVER_TRIGGERED if all(j.status is Status.NA for j in judgements) else idle
+    elif status is Status.PASS and run.facts.strayed and run.subject in (None, *run.facts.strayed):
+        status, reason = Status.OPEN, Reason.STRAYED
+    elif status is Status.PASS and cut_off(sampled):
+        return Judgement(rule, Status.NA, Reason.CUT_OFF, asked=False)
+    untied, limits = None, None
+    if values.tie > 0 and found.status is not Status.UNSURE:
         exact = values.untied()
-        status = attribute(judge(templates, exact), rule, exact, book).status
-        if status is not attribution.status:
-            story.notes.append(f"the tie window of {values.tie:g} s decides: without it the verdict would be {status}")
-    return story
-
-
-def _elsewhere(rule: Rule, junction: Junction) -> str:
-    kind = _KINDS[junction.control]
-    if junction.control not in rule.kinds:
-        if len(rule.kinds) == 1:
-            return f"{rule.name} is about junctions with {_KINDS[rule.kinds[0]]}, and this junction has {kind}"
-        return f"{rule.name} is not about junctions with {kind}, such as this junction"
-    if rule.crosswalks and not rule.concerns(junction):
-        return f"{rule.name} is about {rule.crosswalks}, and none walk at this junction"
-    return f"{rule.name} is about junctions with several lanes on an arm, and this junction has one lane on each"
-
-
-def _cycle(rule: Rule, values: Values, templates: tuple[Template, ...], book: RuleBook) -> Cycle | None:
-    """Return vehicles that must wait for each other in a circle because of the rule, or of the rule and its companions."""
-    cycle = find_cycle(templates, values)
-    if cycle is None and rule.companions:
-        cycle = find_cycle([*templates, *companions(rule, values.run, book)], values)
-        cycle = cycle and replace(cycle, alone=False)
-    return cycle
-
-
-_BROKEN = (Status.FAIL, Status.OPEN)
-
-
-@dataclass(frozen=True, slots=True)
-class Attribution:
-    """The status of a rule on a run, and whether the subject (the vehicle under test) or the traffic caused the status."""
-
-    status: Status
-    asked: bool = True
-    """Whether a triggered instance required an action of the subject. In a run without a subject, whether an instance was
-    triggered and a vehicle moved."""
-    unavoidable: bool = False
-    """Whether the rule was violated and no vehicle could have kept the rule."""
-    provoked: bool = False
-    """Whether the traffic alone caused the violation or the open obligation; without a subject, whether pedestrians did."""
-
-
-def attribute(judgements: Sequence[Judgement], rule: Rule, values: Values, book: RuleBook) -> Attribution:
-    """Return the status of a rule on a run, given the judgements of its instances.
-
-    A violation that pedestrians alone are to blame for is provoked, because pedestrians are never under test. On a run with a
-    subject (vehicle under test), violated or open instances that the subject is to blame for decide before all other instances.
-    A run in which no vehicle moves does not pass, and a subject that never moves does not pass. If an instance that binds the
-    subject is UNSURE, the status is neither unavoidable nor provoked.
-    """
-    run, status = values.run, _overall(judgements)
-    subject = run.subject
-
-    def hopeless(violations: Sequence[Judgement]) -> bool:
-        templates = [*(j.template for j in judgements), *companions(rule, run, book)]
-        return unavoidable(violations, templates, values)
-
-    if subject is None:
-        excused = status is Status.FAIL and hopeless(judgements)
-        if excused and any(j.status is Status.UNSURE for j in judgements):
-            return Attribution(Status.UNSURE)
-        vehicles = (column for column, agent in enumerate(run.agents) if not isinstance(agent.way, Crossing))
-        acted = status is not Status.NA and any(drives(run, column) for column in vehicles)
-        on_foot = status is Status.FAIL and not excused and all(by_walkers(j, run) for j in judgements if j.status is status)
-        return Attribution(Status.NA if status is Status.PASS and not acted else status, acted, excused, on_foot)
-    me = next(column for column, agent in enumerate(run.agents) if agent.name == subject)
-    bound = any(j.status is not Status.NA and asked(j.template, values, me) for j in judgements)
-    unsure_members = (member for j in judgements if j.status is Status.UNSURE for member in j.template.members)
-    open_to_doubt = any(element.index == me for member in unsure_members for element in member.bound)
-    if status not in _BROKEN:
-        return Attribution(Status.UNSURE if open_to_doubt else Status.PASS if bound else Status.NA, bound or open_to_doubt)
-    attributed = [j for j in judgements if j.status in _BROKEN and is_about(j, run, subject)]
-    failed = [j for j in attributed if j.status is Status.FAIL]
-    if failed and not hopeless(failed):
-        return Attribution(Status.FAIL)
-    if len(attributed) > len(failed) and not _excused(judgements, rule, values, book):
-        return Attribution(Status.OPEN)
-    if open_to_doubt:
-        return Attribution(Status.UNSURE)
-    if status is Status.FAIL and hopeless(judgements):
-        return Attribution(status, bound, unavoidable=True)
-    return Attribution(status, bound, provoked=True)
-
-
-def companions(rule: Rule, run: Run, book: RuleBook) -> tuple[Template, ...]:
-    """Return the instances of the companions of `rule`, the rules whose obligations can contradict the obligations of `rule`."""
-    static = once(run, extract)
-    rules = (book[name] for name in rule.companions)
-    return tuple(t for companion in rules for t in prepare(companion.formula, static, companion.bound).templates)
-
-
-def _overall(judgements: Iterable[Judgement]) -> Status:
-    statuses = {j.status for j in judgements}
-    return next((s for s in (Status.FAIL, Status.OPEN, Status.UNSURE, Status.PASS) if s in statuses), Status.NA)
-
-
-def _excused(judgements: Sequence[Judgement], rule: Rule, values: Values, book: RuleBook) -> bool:
-    """Return whether the subject is excused for an open obligation: the subject has to wait, or other vehicles ended the run.
-
-    The subject has to wait because of the rule, its companions, or the rules of the rulebooks that contain the rule.
-    """
-    run, subject = values.run, values.run.subject or ""
-    if set(cut_short_by(run)) - {subject} or any(waits(j, subject) for j in judgements):
-        return True
-    with suppress(RunError):
-        if any(held(run)[-1, column] for column, agent in enumerate(run.agents) if agent.name == subject):
-            return True
-    static = once(run, extract)
-    shelf = (rules_for(name, run.junction) for name in ("paper", "road"))
-    rules = {*(book[name] for name in rule.companions), *(r for rules in shelf if rule in rules for r in rules)}
-    judged = (judge(prepare(r.formula, static, r.bound).templates, Values(run, r.tie)) for r in rules)
-    return any(waits(j, subject) for judgements in judged for j in judgements)
+        untied = attribute(blamed(judge(templates, exact), run), rule, exact, book).status
+    recorded = sampled.excerpt is not None and sampled.station is not None and sampled.speed is not None
+    if recorded and status is Status.FAIL and not (found.unavoidable or found.provoked):
+        failed = tuple(j.template for j in judgements if j.status is Status.FAIL)
+        limits = tolerance(sampled, failed, values)
+    ordered = gravest_first(judgements, run)
+    kept_count, binding = kept(judgements, values) if status is Status.PASS else (0, 0)
+    return Judgement(
+        rule,
+        status,
+        reason,
+        instances=ordered,
+        collapsed=collapsed,
+        asked=found.asked,
+        unavoidable=found.unavoidable,
+        provoked=found.provoked,
+        kept=kept_count,
+        binding=binding,
+        scene=scene_of(ordered[0], values) if violated else None,
+        cycle=cycle_of(templates, rule, values, book) if found.unavoidable or found.status is Status.OPEN else None,
+        nearest=nearest_miss(templates, values) if reason is Reason.NEVER_TRIGGERED else None,
+        undecided=undecided(run) if violated else "",
+        tie=values.tie,
+        untied=None if untied is found.status else untied,
+        tolerance=limits,
+    )

@@ -1,68 +1,192 @@
-"""Finds the vehicles responsible for a violated or open instance of a rule, and obligations that can't be kept together.
+"""Finds what follows from the judgements of the instances of a rule: who is to blame, and the status of the rule.
 
-Obligations contradict each other in cycles of waiting, such as four vehicles of which each must wait for the vehicle on its
-right.
+Which vehicle must act follows from the form of the rule's formula, or from the argument ``bound=`` of the rule. On a run with a
+subject (a vehicle under test), a rule passes only if a triggered instance required an action of the subject. A violation is
+PROVOKED if only other vehicles are to blame. A violation is UNAVOIDABLE if vehicles waited for each other in a circle, such as
+four vehicles of which each must wait for the vehicle on its right, or if a search finds no path that keeps the body of the
+vehicle in its lane in a bend.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.geometry.crosswalks import Crossing
-from pytest_rvads.logic.conduct.blame import Cause, pushed, stuck, surprised
+from pytest_rvads.logic.conduct.blame import Cause, cut_short_by, pushed, stuck, surprised
 from pytest_rvads.logic.conduct.blocks import window
-from pytest_rvads.logic.conduct.lane import beyond_steering
-from pytest_rvads.logic.conduct.rights import WAIVER, may_owe, waives
-from pytest_rvads.logic.conduct.static_model import colourings, on_each_way
+from pytest_rvads.logic.conduct.lane import beyond_steering, too_tight
+from pytest_rvads.logic.conduct.rights import WAIVER, ground_of, may_owe, waives
+from pytest_rvads.logic.conduct.rights import held as held_up
+from pytest_rvads.logic.conduct.standing import drives, wt
+from pytest_rvads.logic.conduct.static_model import colourings, extract, last_seen, on_each_way
 from pytest_rvads.logic.conduct.waiting import may_go
-from pytest_rvads.logic.judging.instances import Template, columns
-from pytest_rvads.logic.judging.judge import Values
-from pytest_rvads.logic.judging.judgement import Judgement
+from pytest_rvads.logic.judging.instances import Template, columns, prepare
+from pytest_rvads.logic.judging.judge import Values, asked, judge
+from pytest_rvads.logic.judging.judgement import Bend, Blame, Course, Cycle, Debt, InstanceJudgement, Scene
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.ltl3 import evaluate, settle
+from pytest_rvads.logic.rules.book import RuleBook, rules_for
 from pytest_rvads.logic.rules.lexicon import word_of
-from pytest_rvads.logic.rules.rule import Kind, agents_of
+from pytest_rvads.logic.rules.rule import Kind, Rule, agents_of
 from pytest_rvads.logic.rules.vocabulary import TightBend
 from pytest_rvads.runs.run import Run, once
+from pytest_rvads.runs.states import Zone
 from pytest_rvads.support.errors import RunError
 
+BROKEN = (Status.FAIL, Status.OPEN)
+_ORDER = (Status.FAIL, Status.OPEN, Status.UNSURE, Status.PASS, Status.NA)
 
-def responsible(j: Judgement, run: Run) -> tuple[f.Element, ...]:
-    """Return the vehicles that broke a violated instance of a rule, or that still have to wait in an open instance."""
-    if j.status is Status.FAIL:
-        named = tuple(dict.fromkeys(e for a, _ in j.broken for e in agents_of(a))) or agents_of(j.template.formula)
-        cause = cause_between(j, run)
-        if cause is not None:
-            return tuple(e for e in named if e.name in cause.agents)
-        bound = {e for member in j.template.members for e in member.bound}
-        return tuple(e for e in named if e in bound) or named
+
+@dataclass(frozen=True, slots=True)
+class Attribution:
+    """The status of a rule on a run, and whether the subject (the vehicle under test) or the traffic caused the status."""
+
+    status: Status
+    asked: bool = True
+    """See `Verdict.asked`."""
+    unavoidable: bool = False
+    """Whether the rule was violated and no vehicle could have kept the rule."""
+    provoked: bool = False
+    """Whether the traffic alone caused the violation or the open obligation; without a subject, whether pedestrians did."""
+
+
+def attribute(judgements: Sequence[InstanceJudgement], rule: Rule, values: Values, book: RuleBook) -> Attribution:
+    """Return the status of a rule on a run, given the judgements of its instances with the agents to blame, see `blamed`.
+
+    A violation that pedestrians alone are to blame for is provoked, because pedestrians are never under test. On a run with a
+    subject (vehicle under test), violated or open instances that the subject is to blame for decide before all other instances.
+    A run in which no vehicle moves does not pass, and a subject that never moves does not pass. If an instance that binds the
+    subject is UNSURE, the status is neither unavoidable nor provoked.
+    """
+    run, status = values.run, overall(judgements)
+
+    def hopeless(violations: Sequence[InstanceJudgement]) -> bool:
+        templates = [*(j.template for j in judgements), *_companions(rule, run, book)]
+        return unavoidable(violations, templates, values)
+
+    if run.subject is None:
+        excused = status is Status.FAIL and hopeless(judgements)
+        if excused and any(j.status is Status.UNSURE for j in judgements):
+            return Attribution(Status.UNSURE)
+        vehicles = (column for column, agent in enumerate(run.agents) if not isinstance(agent.way, Crossing))
+        acted = status is not Status.NA and any(drives(run, column) for column in vehicles)
+        on_foot = status is Status.FAIL and not excused and all(j.blame.on_foot for j in judgements if j.status is status)
+        return Attribution(Status.NA if status is Status.PASS and not acted else status, acted, excused, on_foot)
+    me = column_of(run, run.subject)
+    bound = any(j.status is not Status.NA and asked(j.template, values, me) for j in judgements)
+    unsure_members = (member for j in judgements if j.status is Status.UNSURE for member in j.template.members)
+    open_to_doubt = any(element.index == me for member in unsure_members for element in member.bound)
+    if status not in BROKEN:
+        return Attribution(Status.UNSURE if open_to_doubt else Status.PASS if bound else Status.NA, bound or open_to_doubt)
+    attributed = [j for j in judgements if j.blame.subject]
+    failed = [j for j in attributed if j.status is Status.FAIL]
+    if failed and not hopeless(failed):
+        return Attribution(Status.FAIL)
+    if len(attributed) > len(failed) and not _excused(judgements, rule, values, book):
+        return Attribution(Status.OPEN)
+    if open_to_doubt:
+        return Attribution(Status.UNSURE)
+    if status is Status.FAIL and hopeless(judgements):
+        return Attribution(status, bound, unavoidable=True)
+    return Attribution(status, bound, provoked=True)
+
+
+def overall(judgements: Iterable[InstanceJudgement]) -> Status:
+    """Return the status of the worst instance."""
+    statuses = {j.status for j in judgements}
+    return next((s for s in (Status.FAIL, Status.OPEN, Status.UNSURE, Status.PASS) if s in statuses), Status.NA)
+
+
+def gravest_first(judgements: Iterable[InstanceJudgement], run: Run) -> tuple[InstanceJudgement, ...]:
+    """Return the judgements, sorted by severity and time; those that the subject is to blame for come before all others."""
+
+    def key(j: InstanceJudgement) -> tuple[bool, int, int]:
+        tick = j.failed if j.failed is not None else j.trigger
+        elsewhere = not j.blame.subject if run.subject is not None else j.status is Status.FAIL and j.blame.on_foot
+        return elsewhere, _ORDER.index(j.status), run.steps if tick is None else tick
+
+    return tuple(sorted(judgements, key=key))
+
+
+def column_of(run: Run, name: str) -> int:
+    """Return the column of an agent, given by its name, in the arrays of a run."""
+    return next(column for column, agent in enumerate(run.agents) if agent.name == name)
+
+
+def _companions(rule: Rule, run: Run, book: RuleBook) -> tuple[Template, ...]:
+    """Return the instances of the companions of `rule`, the rules whose obligations can contradict the obligations of `rule`."""
+    static = once(run, extract)
+    rules = (book[name] for name in rule.companions)
+    return tuple(t for companion in rules for t in prepare(companion.formula, static, companion.bound).templates)
+
+
+def _excused(judgements: Sequence[InstanceJudgement], rule: Rule, values: Values, book: RuleBook) -> bool:
+    """Return whether the subject is excused for an open obligation: the subject has to wait, or other vehicles ended the run.
+
+    The subject has to wait because of the rule, its companions, or the rules of the rulebooks that contain the rule.
+    """
+    run, subject = values.run, values.run.subject or ""
+    if set(cut_short_by(run)) - {subject} or any(_waits_at_end(j, subject) for j in judgements):
+        return True
+    with suppress(RunError):
+        if any(held_up(run)[-1, column] for column, agent in enumerate(run.agents) if agent.name == subject):
+            return True
+    static = once(run, extract)
+    shelf = (rules_for(name, run.junction) for name in ("paper", "road"))
+    rules = {*(book[name] for name in rule.companions), *(r for rules in shelf if rule in rules for r in rules)}
+    judged = (judge(prepare(r.formula, static, r.bound).templates, Values(run, r.tie)) for r in rules)
+    return any(_waits_at_end(j, subject) for judgements in judged for j in judgements)
+
+
+def _waits_at_end(j: InstanceJudgement, subject: str) -> bool:
+    """Return whether an instance of a rule makes `subject` wait for another vehicle at the end of the run."""
+    return j.status is Status.OPEN and any(e.name == subject for e in _waiting(j)) and bool(_awaited(j))
+
+
+def blamed(judgements: Iterable[InstanceJudgement], run: Run) -> list[InstanceJudgement]:
+    """Return the judgements with the agents to blame for violated and open instances."""
+    return [replace(j, blame=blame(j, run)) if j.status in BROKEN else j for j in judgements]
+
+
+def blame(j: InstanceJudgement, run: Run) -> Blame:
+    """Return the agents to blame for an instance; nobody for an instance that is neither violated nor open."""
     if j.status is Status.OPEN:
-        return _waiting(j)
-    return ()
+        cause, agents = None, _waiting(j)
+    elif j.status is Status.FAIL:
+        cause = _cause(j, run)
+        agents = tuple(dict.fromkeys(e for a, _ in j.broken for e in agents_of(a))) or agents_of(j.template.formula)
+        if cause is not None:
+            agents = tuple(e for e in agents if e.name in cause.agents)
+        else:
+            bound = {e for member in j.template.members for e in member.bound}
+            agents = tuple(e for e in agents if e in bound) or agents
+    else:
+        return Blame()
+    on_foot = bool(agents) and all(isinstance(run.agents[e.index].way, Crossing) for e in agents)
+    return Blame(agents, cause, on_foot, run.subject is not None and _by(column_of(run, run.subject), j, agents, cause, run))
 
 
-def is_about(j: Judgement, run: Run, subject: str) -> bool:
-    """Return whether `subject` is to blame for a violated or open instance of a rule.
+def _by(me: int, j: InstanceJudgement, agents: tuple[f.Element, ...], cause: Cause | None, run: Run) -> bool:
+    """Return whether the subject (column `me`) is to blame for an instance that `agents` violated or left open.
 
     The subject is not to blame for meeting a vehicle that had to wait and left the subject no time to react, for a violation
     right after another vehicle pushed the subject, or for going before a vehicle that waived its right. If an obligation to wait
     is open at the end of the run, the awaited vehicle is to blame if it could have gone for `WAIVER`, and the waiting vehicle is
     not. If an open obligation awaits no vehicle, the vehicles in the obligation are to blame, unless another vehicle is stuck.
     """
-    me = next(column for column, agent in enumerate(run.agents) if agent.name == subject)
     if j.failed is not None:
-        meets = j.template.shape.kind is Kind.STATE and cause_between(j, run) is None
+        meets = j.template.shape.kind is Kind.STATE and cause is None
         opponents = [e.index for e in agents_of(j.template.formula) if e.index != me] if meets else []
         excused = (len(opponents) == 1 and surprised(run, me, opponents[0], j.failed)) or pushed(run, me, j.failed)
-        return not (excused or _forfeited(j, run)) and any(e.index == me for e in responsible(j, run))
-    if j.status is not Status.OPEN:
-        return False
+        return not (excused or _forfeited(j, run)) and any(e.index == me for e in agents)
     if awaited := _awaited(j):
         owed = (run.steps - 1 if j.ended is None else j.ended) - (j.trigger or 0)
         if me not in awaited or owed * run.dt < WAIVER:
@@ -71,16 +195,10 @@ def is_about(j: Judgement, run: Run, subject: str) -> bool:
             return bool(may_go(run, me)[-1])
         except RunError:  # the run does not record enough to decide
             return True
-    return any(e.index == me for e in _waiting(j)) and not any(stuck(run, k) for k in range(len(run.agents)) if k != me)
+    return any(e.index == me for e in agents) and not any(stuck(run, k) for k in range(len(run.agents)) if k != me)
 
 
-def by_walkers(j: Judgement, run: Run) -> bool:
-    """Return whether pedestrians alone are to blame for a violated instance of a rule."""
-    guilty = responsible(j, run)
-    return bool(guilty) and all(isinstance(run.agents[e.index].way, Crossing) for e in guilty)
-
-
-def _forfeited(j: Judgement, run: Run) -> bool:
+def _forfeited(j: InstanceJudgement, run: Run) -> bool:
     """Return whether every awaited vehicle waived its right after the obligation began, or had to wait for one that did."""
     awaited, waiting = _awaited(j), {e.index for e in _waiting(j)}
     not_waiting = [k for k in range(len(run.agents)) if k not in waiting]
@@ -93,12 +211,7 @@ def _forfeited(j: Judgement, run: Run) -> bool:
         return False
 
 
-def waits(j: Judgement, subject: str) -> bool:
-    """Return whether an instance of a rule makes `subject` wait for another vehicle at the end of the run."""
-    return j.status is Status.OPEN and any(e.name == subject for e in _waiting(j)) and bool(_awaited(j))
-
-
-def cause_between(j: Judgement, run: Run) -> Cause | None:
+def _cause(j: InstanceJudgement, run: Run) -> Cause | None:
     """Return the vehicles to blame for the collision or meeting that broke an instance, and the reason.
 
     If the blame depends on the colour of a light that is not recorded, or on a way that is not decided, the result names every
@@ -118,26 +231,71 @@ def cause_between(j: Judgement, run: Run) -> Cause | None:
     return None
 
 
-def _waiting(j: Judgement) -> tuple[f.Element, ...]:
+def _waiting(j: InstanceJudgement) -> tuple[f.Element, ...]:
     waits = j.template.shape.waits
     return agents_of(waits if waits is not None else j.template.shape.obligation)
 
 
-def _awaited(j: Judgement) -> list[int]:
+def _awaited(j: InstanceJudgement) -> list[int]:
     """Return the columns of the vehicles that have to go first according to an instance of a rule."""
     goes, waiting = j.template.shape.goes, _waiting(j)
     return [e.index for e in agents_of(goes) if e not in waiting] if goes is not None else []
 
 
-@dataclass(frozen=True, slots=True)
-class Cycle:
-    """Vehicles in a circle of waiting: each vehicle had to wait for the next vehicle, and the last vehicle for the first."""
+def kept(instances: Sequence[InstanceJudgement], values: Values) -> tuple[int, int]:
+    """Return the number of kept instances and of all instances; with a subject, of those that bind the subject to act."""
+    if values.run.subject is None:
+        return sum(j.status is Status.PASS for j in instances), len(instances)
+    me = column_of(values.run, values.run.subject)
+    binding = [j for j in instances if any(e.index == me for m in j.template.members for e in m.bound)]
+    return sum(j.status is Status.PASS and asked(j.template, values, me) for j in binding), len(binding)
 
-    tick: int
-    """First tick of the cycle."""
-    agents: tuple[str, ...]
-    alone: bool = True
-    """Whether the obligations of the judged rule alone make the cycle; if False, obligations of its companions take part."""
+
+def scene_of(j: InstanceJudgement, values: Values) -> Scene:
+    """Return what the explanation of a violated or open instance shows of the run."""
+    run, atoms = values.run, j.template.atoms
+    last = next(t for t in (j.failed, j.ended, run.steps - 1) if t is not None)
+    ticks = sorted({t for t in (j.trigger, last - 1, last) if t is not None and t >= 0})
+    states = tuple((t, tuple(bool(values[atom][t]) for atom in atoms)) for t in ticks)
+    words = [word_of(atom) for atom, _ in j.broken]
+    bends: tuple[Bend, ...] = ()
+    if any(word is not None and word.bend for word in words):
+        narrow = ((e.name, too_tight(run, e.index)) for e in j.blame.agents)
+        bends = tuple(Bend(name, bend[0].radius, bend[1]) for name, bend in narrow if bend is not None)
+    courses = tuple(_course(run, e, last) for e in agents_of(j.template.formula))
+    return Scene(j, last, states, courses, _debt(run, atoms), bends, last_seen(run, columns(j.template)))
+
+
+def _course(run: Run, agent: f.Element, tick: int) -> Course:
+    zones = run.zone[: tick + 1, agent.index]
+    inside, ticks = np.flatnonzero(zones == Zone.JUNCTION), np.flatnonzero(zones == Zone.ENTRANCE)
+    entered, arrived, waited = int(inside[0]) if len(inside) else None, None, 0
+    if len(ticks):
+        at_entrance = int(ticks[-1])
+        away = np.flatnonzero(zones[:at_entrance] != Zone.ENTRANCE)
+        arrived, waited = int(away[-1]) + 1 if len(away) else 0, int(wt(run, agent.index)[at_entrance])
+    return Course(agent, arrived, waited, entered)
+
+
+def _debt(run: Run, atoms: Iterable[f.Atom]) -> Debt | None:
+    """Return why an agent has to give way to another agent; None if lights or the order of arrival decide."""
+    words = ((word_of(atom), atom.terms) for atom in atoms)
+    pair = next((terms for word, terms in words if word is not None and word.debt), ())
+    both = [term.index for term in pair if isinstance(term, f.Element)]
+    if len(both) != 2 or run.junction.control in (JunctionControl.STOP, JunctionControl.LIGHTS):
+        return None
+    me, you = (run.agents[column].way.key for column in both)
+    ground = ground_of(run.junction, me, you)
+    return None if ground is None else Debt(both[0], both[1], ground)
+
+
+def cycle_of(templates: tuple[Template, ...], rule: Rule, values: Values, book: RuleBook) -> Cycle | None:
+    """Return vehicles that must wait for each other in a circle because of the rule, or of the rule and its companions."""
+    cycle = find_cycle(templates, values)
+    if cycle is None and rule.companions:
+        cycle = find_cycle([*templates, *_companions(rule, values.run, book)], values)
+        cycle = cycle and replace(cycle, alone=False)
+    return cycle
 
 
 def find_cycle(templates: Iterable[Template], values: Values) -> Cycle | None:
@@ -157,7 +315,7 @@ def find_cycle(templates: Iterable[Template], values: Values) -> Cycle | None:
     return None
 
 
-def unavoidable(judgements: Iterable[Judgement], templates: Iterable[Template], values: Values) -> bool:
+def unavoidable(judgements: Iterable[InstanceJudgement], templates: Iterable[Template], values: Values) -> bool:
     """Return whether no vehicle could have kept a violated rule: every violation broke a cycle, or happened in a tight bend.
 
     In a cycle every vehicle must wait for the next vehicle: a vehicle has to break the rule, or all vehicles wait for ever. A

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pytest_rvads.logic.conduct.blocks import Block, Signal, everybody, ticks, window
 from pytest_rvads.logic.conduct.standing import drives
 from pytest_rvads.logic.judging.instances import Template, columns
-from pytest_rvads.logic.judging.judgement import Hinge, Judgement, Near
+from pytest_rvads.logic.judging.judgement import Hinge, InstanceJudgement, Nearest
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.ltl3 import Truth, encode, evaluate, holds, run_machine, settle
@@ -28,6 +28,11 @@ from pytest_rvads.logic.rules.vocabulary import Sort
 from pytest_rvads.runs.run import Run
 from pytest_rvads.support.errors import FormulaError
 
+FINE = 0.02
+"""Longest step of a run whose states alone say in which order vehicles came to zones and lights changed [s].
+
+On the runs of the paper's authors no verdict changes up to this step, and some verdicts change at 0.05 s.
+"""
 OPERATORS: Mapping[str, Callable[[Any, Any], NDArray[np.bool_]]] = {
     "=": operator.eq,
     "!=": operator.ne,
@@ -38,6 +43,17 @@ OPERATORS: Mapping[str, Callable[[Any, Any], NDArray[np.bool_]]] = {
 }
 
 
+def certain(run: Run) -> bool:
+    """Return whether the order of events in a run is certain: its steps are at most `FINE`, and it is no recording."""
+    return run.dt <= FINE and run.spread is None and run.excerpt is None
+
+
+def undecided(run: Run) -> str:
+    """Return the ways that are not decided in words; empty if all ways are decided."""
+    names = [agent.name for agent in run.agents if agent.other_exits]
+    return f"the undecided way{'s' if len(names) > 1 else ''} of {' and '.join(names)}" if names else ""
+
+
 class Values(Mapping[f.Atom, NDArray[np.bool_]]):
     """The truth values of atoms on a run, arrays of shape ``(steps,)``, each computed at its first use.
 
@@ -46,6 +62,7 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
 
     def __init__(self, run: Run, tie: float = 0.0, *, standing: bool = False) -> None:
         self.run = run
+        self.standing = standing
         readers = {name: attribute.standing for name, attribute in ATTRIBUTES.items() if attribute.standing and standing}
         self._readers: dict[str, Callable[[Run, int], NDArray[Any]]] = readers
         self.tie = tie
@@ -75,6 +92,10 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
     def steps(self) -> int:
         """Number of states."""
         return self.run.steps
+
+    def of(self, run: Run) -> Values:
+        """Return the truth values on another run, with the same tie window and the same beginning of waiting times."""
+        return Values(run, self.tie, standing=self.standing)
 
     def within(self, begin: int, end: int) -> Values | Part:
         """Return the truth values from tick `begin` up to, but not including, tick `end`."""
@@ -193,9 +214,9 @@ class Part(Mapping[f.Atom, NDArray[np.bool_]]):
         return len(self._whole)
 
 
-def judge(templates: tuple[Template, ...], values: Values) -> list[Judgement]:
+def judge(templates: tuple[Template, ...], values: Values) -> list[InstanceJudgement]:
     """Return the judgements of all instances, in order; where a monitor is undecided at the end, finite traces decide."""
-    judgements = [Judgement(template, Status.NA) for template in templates]
+    judgements = [InstanceJudgement(template, Status.NA) for template in templates]
     for i, begin, end, states in _walked(templates, values):
         template, part, steps = templates[i], values.within(begin, end), end - begin
         outputs = template.machine.output[states]
@@ -203,7 +224,7 @@ def judge(templates: tuple[Template, ...], values: Values) -> list[Judgement]:
         if last == Truth.FALSE:
             failed = int(np.argmax(outputs == last))
             since, goes = _since(template, part, failed + 1), template.shape.goes
-            j = Judgement(
+            j = InstanceJudgement(
                 template,
                 Status.FAIL,
                 since,
@@ -217,12 +238,12 @@ def judge(templates: tuple[Template, ...], values: Values) -> list[Judgement]:
             for p in template.premises:
                 premise |= settle(p, part, steps)
             if template.premises and not premise.any():
-                j = Judgement(template, Status.NA)
+                j = InstanceJudgement(template, Status.NA)
             elif last == Truth.TRUE or settle(template.formula, part, steps)[0]:
                 start = int(np.argmax(premise)) if template.premises else None
-                j = Judgement(template, Status.PASS, start, margin=_margin(template, part, start))
+                j = InstanceJudgement(template, Status.PASS, start, margin=_margin(template, part, start))
             else:
-                j = Judgement(template, Status.OPEN, _since(template, part, steps))
+                j = InstanceJudgement(template, Status.OPEN, _since(template, part, steps))
         judgements[i] = j
         if (begin, end) != (0, values.steps):  # count ticks from the start of the whole run
             begun, broken = (None if tick is None else begin + tick for tick in (j.trigger, j.failed))
@@ -230,9 +251,9 @@ def judge(templates: tuple[Template, ...], values: Values) -> list[Judgement]:
     return judgements
 
 
-def unsure(judgement: Judgement, hinge: Hinge) -> Judgement:
+def unsure(judgement: InstanceJudgement, hinge: Hinge) -> InstanceJudgement:
     """Return a judgement with the status UNSURE, because measured values that are equally possible give another status."""
-    return Judgement(judgement.template, Status.UNSURE, judgement.trigger, margin=hinge.apart, hinge=hinge)
+    return InstanceJudgement(judgement.template, Status.UNSURE, judgement.trigger, margin=hinge.apart, hinge=hinge)
 
 
 def asked(template: Template, values: Values, agent: int) -> bool:
@@ -313,7 +334,7 @@ def _margin(template: Template, values: Values | Part, start: int | None) -> flo
     return round(float(entries[0] - departures[0]) * dt, 9) if len(departures) and len(entries) else None
 
 
-def nearest_miss(templates: tuple[Template, ...], values: Values) -> Near | None:
+def nearest_miss(templates: tuple[Template, ...], values: Values) -> Nearest | None:
     """Return the instance and the first tick with the fewest false conjuncts of the rule's premise, over all instances."""
     best: tuple[int, int, int] | None = None
     nearest = None
@@ -329,5 +350,5 @@ def nearest_miss(templates: tuple[Template, ...], values: Values) -> Near | None
             if best is None or key < best:
                 best = key
                 false = tuple(p for p, v in zip(parts, truths[:, tick], strict=True) if not v)
-                nearest = (t, begin + tick, false, int((missing == missing[tick]).sum()))
+                nearest = Nearest(t, begin + tick, false, int((missing == missing[tick]).sum()))
     return nearest

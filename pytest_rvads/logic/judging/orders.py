@@ -20,8 +20,8 @@ import numpy as np
 from pytest_rvads.logic.conduct.blocks import as_blocks, assume
 from pytest_rvads.logic.conduct.standing import wt
 from pytest_rvads.logic.judging.instances import Template
-from pytest_rvads.logic.judging.judge import Values, judge, unsure
-from pytest_rvads.logic.judging.judgement import Happening, Hinge, Judgement
+from pytest_rvads.logic.judging.judge import FINE, Values, judge, unsure
+from pytest_rvads.logic.judging.judgement import Happening, Hinge, InstanceJudgement
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, word_of
@@ -31,11 +31,6 @@ from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.run import DT, Run, once
 from pytest_rvads.runs.states import Zone
 
-FINE = 0.02
-"""Longest step of a run whose states alone say in which order vehicles came to zones and lights changed [s].
-
-On the runs of the paper's authors no verdict changes up to this step, and some verdicts change at 0.05 s.
-"""
 LONG_AGO = -(10**9)
 """Moment that stands for an unknown past: a vehicle that appears at an entrance may have arrived there at any earlier time."""
 _BORDERS = (Zone.ENTRANCE, Zone.JUNCTION, Zone.EXIT, Zone.GONE)
@@ -96,11 +91,6 @@ class Crossings:
     def exact(self) -> bool:
         """Whether only a single moment is possible for every event."""
         return all(e.exact for who in (*self.of_agents, *self.of_lights) for e in who)
-
-
-def certain(run: Run) -> bool:
-    """Return whether the order of events in a run is certain: its steps are at most `FINE`, and it is no recording."""
-    return run.dt <= FINE and run.spread is None and run.excerpt is None
 
 
 def crossings(run: Run) -> Crossings:
@@ -169,7 +159,7 @@ def about_order(template: Template, run: Run) -> bool:
     return True
 
 
-def reordered(recorded: Judgement, crossings: Crossings, values: Values) -> Judgement:
+def reordered(recorded: InstanceJudgement, crossings: Crossings, values: Values) -> InstanceJudgement:
     """Return the judgement of an instance: UNSURE if another possible order of events would give another status."""
     template = recorded.template
     agents = [e.index for e in agents_of(template.formula)]
@@ -186,7 +176,7 @@ def reordered(recorded: Judgement, crossings: Crossings, values: Values) -> Judg
         return recorded
     all_events = [*events, *changes]
     recorded_moments = {id(e): e.told for e in all_events}
-    best: dict[Status, tuple[int, _Moments, Judgement]] = {}
+    best: dict[Status, tuple[int, _Moments, InstanceJudgement]] = {}
     keys = set()
     for moments in chain(({},), _choices(loose)):
         chosen = _followed({**recorded_moments, **moments}, agents, crossings)
@@ -301,7 +291,7 @@ class _Word:
         arrivals = tuple(_compare(arrival - other, tie) for arrival, other in combinations(self._arrived, 2))
         return self._zone.tobytes(), self._lights.tobytes(), arrivals
 
-    def judged(self, template: Template, values: Values) -> Judgement:
+    def judged(self, template: Template, values: Values) -> InstanceJudgement:
         """Return the judgement of an instance of a rule on this short run, with ticks of the whole recorded run."""
         crossings = self._crossings
         run = crossings.run

@@ -24,12 +24,12 @@ from numpy.typing import NDArray
 
 from pytest_rvads.logic.conduct.priority import owes
 from pytest_rvads.logic.conduct.standing import STANDSTILL, in_stop_place, stands
-from pytest_rvads.logic.conduct.static_model import colourings
-from pytest_rvads.logic.judging.attribution import by_walkers, is_about
+from pytest_rvads.logic.conduct.static_model import colourings, without_jumps
+from pytest_rvads.logic.judging.attribution import blame, overall
 from pytest_rvads.logic.judging.instances import Binding, Template
-from pytest_rvads.logic.judging.judge import Values, judge, unsure
-from pytest_rvads.logic.judging.judgement import Hinge, Judgement
-from pytest_rvads.logic.judging.orders import about_order, certain, crossings, plain, reordered
+from pytest_rvads.logic.judging.judge import Values, certain, judge, unsure
+from pytest_rvads.logic.judging.judgement import ERRORS, Hinge, InstanceJudgement
+from pytest_rvads.logic.judging.orders import about_order, crossings, plain, reordered
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.rules.lexicon import word_of
 from pytest_rvads.logic.rules.rule import agents_of
@@ -63,16 +63,16 @@ class Reading:
         return f"{self.asks}, known to {self.within:.2f} {'m/s' if self.asks == Measured.PACE else 'm'}"
 
 
-def doubted(recorded: Sequence[Judgement], values: Values, sampled: Run, *, standing: bool = False) -> list[Judgement]:
+def doubted(recorded: Sequence[InstanceJudgement], values: Values, sampled: Run) -> list[InstanceJudgement]:
     """Return the judgements, in which every instance whose status differs in another reading of the run has become UNSURE."""
     run = values.run
     if certain(sampled):
-        return _of_lines(recorded, values, standing=standing)
+        return _of_lines(recorded, values)
     result = [unsure(j, Hinge(reading=_AFTER)) if _left_early(run, j) else j for j in recorded]
     events = crossings(sampled)
     if not events.exact:
-        result = [reordered(j, events, values) if about_order(j.template, run) and not standing else j for j in result]
-    measured = {k: j for k, j in enumerate(recorded) if standing or not about_order(j.template, run)}
+        result = [reordered(j, events, values) if about_order(j.template, run) and not values.standing else j for j in result]
+    measured = {k: j for k, j in enumerate(recorded) if values.standing or not about_order(j.template, run)}
     in_colour = {k: j for k, j in enumerate(recorded) if j.status is not Status.NA}
     for ask in Measured:
         asked = {k: j for k, j in (in_colour if ask is Measured.COLOURS else measured).items() if ask in _asks(j.template)}
@@ -84,16 +84,15 @@ def doubted(recorded: Sequence[Judgement], values: Values, sampled: Run, *, stan
                 apart = len(agents) > 1 and run.pose is not None and not once(run, _nearby)[agents[0], agents[1]]
                 if result[k] is j and not apart:
                     undoubted[k] = j
-            reread_values = Values(reading.run, values.tie, standing=standing)
-            reread = judge(tuple(j.template for j in undoubted.values()), reread_values) if undoubted else []
+            reread = judge(tuple(j.template for j in undoubted.values()), values.of(reading.run)) if undoubted else []
             for (k, j), judgement in zip(undoubted.items(), reread, strict=True):
-                blame = ask is Measured.COLOURS and _blame(judgement, reading.run) != _blame(j, run)
-                if blame or plain(judgement.status) is not plain(j.status):
+                turned = ask is Measured.COLOURS and _blame(judgement, reading.run) != _blame(j, run)
+                if turned or plain(judgement.status) is not plain(j.status):
                     result[k] = unsure(j, Hinge(reading=reading.words))
-    return _of_lines(result, values, standing=standing)
+    return _of_lines(result, values)
 
 
-def agreed(judged: Iterable[tuple[Run, Sequence[Judgement]]], doubt: str) -> list[Judgement]:
+def agreed(judged: Iterable[tuple[Run, Sequence[InstanceJudgement]]], doubt: str) -> list[InstanceJudgement]:
     """Return the judgements of a run on which the ways of some vehicles are not decided.
 
     An instance whose status or blame depends on a way is UNSURE. An instance that is kept on some ways and not triggered on the
@@ -105,7 +104,7 @@ def agreed(judged: Iterable[tuple[Run, Sequence[Judgement]]], doubt: str) -> lis
         for j, outcome in judgements:
             for member in j.template.members:
                 found.setdefault(member.binding, set()).add(outcome)
-    result, kept, doubtful = list[Judgement](), list[Judgement](), set[Binding]()
+    result, kept, doubtful = list[InstanceJudgement](), list[InstanceJudgement](), set[Binding]()
     for number, judgements in enumerate(told):
         for j, outcome in judgements:
             binding = j.template.binding
@@ -119,13 +118,13 @@ def agreed(judged: Iterable[tuple[Run, Sequence[Judgement]]], doubt: str) -> lis
     return result if any(j.status is not Status.NA for j in result) else result + kept
 
 
-def _of_lines(judgements: Sequence[Judgement], values: Values, *, standing: bool) -> list[Judgement]:
+def _of_lines(judgements: Sequence[InstanceJudgement], values: Values) -> list[InstanceJudgement]:
     """Return the judgements, in which violations that painted lines excuse, which the junction can't use, have become UNSURE."""
     failed = {k: j for k, j in enumerate(judgements) if j.status is Status.FAIL}
     painted = once(values.run, _at_painted_lines) if failed else None
     if painted is None:
         return list(judgements)
-    reread = judge(tuple(j.template for j in failed.values()), Values(painted, values.tie, standing=standing))
+    reread = judge(tuple(j.template for j in failed.values()), values.of(painted))
     kept = {k for k, judgement in zip(failed, reread, strict=True) if judgement.status is not Status.FAIL}
     return [unsure(j, Hinge(reading=_LINE)) if k in kept else j for k, j in enumerate(judgements)]
 
@@ -139,12 +138,13 @@ def _at_painted_lines(run: Run) -> Run | None:
     return _rezoned(replace(run, junction=replace(run.junction, entrances=lanes)), run.station)
 
 
-def _blame(j: Judgement, run: Run) -> tuple[bool, bool]:
+def _blame(j: InstanceJudgement, run: Run) -> tuple[bool, bool]:
     """Return whether pedestrians alone are to blame for an instance, and whether the subject (the vehicle under test) is."""
-    return by_walkers(j, run), run.subject is not None and is_about(j, run, run.subject)
+    blamed = blame(j, run)
+    return blamed.on_foot, blamed.subject
 
 
-def _left_early(run: Run, j: Judgement) -> bool:
+def _left_early(run: Run, j: InstanceJudgement) -> bool:
     """Return whether a vehicle of a kept instance left the recording while an atom could still become true, and break it."""
     if j.status is not Status.PASS or j.ended is None:
         return False
@@ -283,29 +283,24 @@ _MAKERS: dict[Measured, Callable[[Run], tuple[Reading, ...]]] = {
 """Per kind of measurement, the function that returns the runs with such measurements changed within their accuracy."""
 
 
-_ERRORS = (("places", "m", (0.1, 0.2, 0.4, 0.8, 1.6)), ("speeds", "m/s", (0.1, 0.2, 0.5, 1.0, 2.0)))
-"""Per kind of measurement its name, its unit, and the errors that are tried."""
-
-
-def tolerance(run: Run, status_of: Callable[[Run], Status]) -> str:
-    """Return in words with how large an error of the measurements a violation stays definite."""
-    parts = []
-    for kind, (noun, unit, errors) in enumerate(_ERRORS):
-        held = 0
-        while held < len(errors) and status_of(once(run, _less_exact, kind, held)) is Status.FAIL:
-            held += 1
-        if held < len(errors):
-            limit = f"at {errors[held]:g} {unit} it is in doubt"
-            parts.append(
-                f"{noun} may be wrong by {errors[held - 1]:g} {unit}, {limit}" if held else f"if {noun} are wrong {limit}"
-            )
-    most = " and ".join(f"{noun} are wrong by {errors[-1]:g} {unit}" for noun, unit, errors in _ERRORS)
-    return "; ".join(parts) or f"a violation even if {most}"
+def tolerance(run: Run, templates: tuple[Template, ...], values: Values) -> tuple[int, ...]:
+    """Return per kind of measurement with how many of the `ERRORS` the violation of one of these instances stays definite."""
+    held = []
+    for kind, (_, _, errors) in enumerate(ERRORS):
+        number = 0
+        while number < len(errors):
+            less_exact = once(run, _less_exact, kind, number)
+            less_exact_values = values.of(without_jumps(less_exact))
+            if overall(doubted(judge(templates, less_exact_values), less_exact_values, less_exact)) is not Status.FAIL:
+                break
+            number += 1
+        held.append(number)
+    return tuple(held)
 
 
 def _less_exact(run: Run, kind: int, number: int) -> Run:
-    """Return a run whose places (kind 0) or speeds (kind 1) are known to an error of `_ERRORS` only."""
-    excerpt, error = run.excerpt or Excerpt(), _ERRORS[kind][2][number]
+    """Return a run whose places (kind 0) or speeds (kind 1) are known to an error of `ERRORS` only."""
+    excerpt, error = run.excerpt or Excerpt(), ERRORS[kind][2][number]
     if kind:
         return replace(run, excerpt=replace(excerpt, speed_accuracy=max(excerpt.speed_accuracy, error / SURE)))
     spread = np.full(run.zone.shape, error) if run.spread is None else np.maximum(run.spread, error)

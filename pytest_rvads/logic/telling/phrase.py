@@ -1,18 +1,21 @@
-"""Puts atoms of formulas, places and times into words for users."""
+"""Puts parts of a judgement into words for users: atoms of formulas, places, times, events, and doubts."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from math import ceil, log10
+from collections.abc import Callable
+from math import ceil, isinf, log10
 
-from pytest_rvads.geometry.control import JunctionControl, Sign
+from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.crosswalks import Crossing
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.turns import UTURN, turn_word
 from pytest_rvads.geometry.ways import Way
-from pytest_rvads.logic.conduct.rights import Ground, ground_of
+from pytest_rvads.logic.conduct.rights import Ground
+from pytest_rvads.logic.judging.instances import Template
+from pytest_rvads.logic.judging.judgement import Debt, InstanceJudgement
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, word_of
+from pytest_rvads.logic.rules.rule import Kind
 from pytest_rvads.logic.rules.vocabulary import Sort
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Colour, Zone
@@ -99,18 +102,14 @@ def say(formula: f.Formula, name: Naming = element_name, be: str = "is") -> str:
     return str(formula)
 
 
-def why(run: Run, atoms: Iterable[f.Atom], seat: Callable[[int], str] = str) -> str:
+def why(run: Run, debt: Debt | None, seat: Callable[[int], str] = str) -> str:
     """Return in words why a vehicle has to give way to another vehicle; empty if lights or the order of arrival decide."""
-    words = ((word_of(atom), atom.terms) for atom in atoms)
-    pair = next((terms for word, terms in words if word is not None and word.debt), ())
-    columns = [term.index for term in pair if isinstance(term, f.Element)]
-    junction = run.junction
-    if len(columns) != 2 or junction.control in (JunctionControl.STOP, JunctionControl.LIGHTS):
+    if debt is None:
         return ""
-    me, you = (run.agents[column] for column in columns)
+    junction, me, you = run.junction, run.agents[debt.agent], run.agents[debt.other]
     own_entrance, other_entrance = (f"entrance {seat(agent.entrance)}" for agent in (me, you))
     signs = [junction.entrances[agent.entrance].sign for agent in (me, you)]
-    match ground_of(junction, me.way.key, you.way.key):
+    match debt.ground:
         case Ground.PRIORITY if (me.way.key, you.way.key) in junction.stated:
             return f"by the map the way from {other_entrance} has priority over the one from {own_entrance}"
         case Ground.SIGN | Ground.PRIORITY:
@@ -123,7 +122,6 @@ def why(run: Run, atoms: Iterable[f.Atom], seat: Callable[[int], str] = str) -> 
             return f"who comes from {own_entrance} {turn} across the way from {other_entrance}"
         case Ground.MERGE:
             return f"by the map the lane from {own_entrance} joins the one from {other_entrance}"
-    return ""
 
 
 _SIGNS = {
@@ -153,12 +151,6 @@ def turns(junction: Junction, agent: Agent) -> str:
     """Return the turn of a vehicle in words; the turns of all its possible ways if its way is not decided."""
     ways = (agent.way, *(junction.movements[agent.entrance, exit] for exit in agent.other_exits))
     return " or ".join(dict.fromkeys(turn_word(junction, way) for way in ways))
-
-
-def undecided(run: Run) -> str:
-    """Return the ways that are not decided in words; empty if all ways are decided."""
-    names = [agent.name for agent in run.agents if agent.other_exits]
-    return f"the undecided way{'s' if len(names) > 1 else ''} of {' and '.join(names)}" if names else ""
 
 
 def aside(way: Way) -> str:
@@ -194,3 +186,75 @@ _ON_FOOT = {
 def colour_at(run: Run, entrance: int, tick: int) -> str:
     """Return in words the colour of the light of an entrance at a tick."""
     return Colour(int(run.lights[tick, entrance])).name.lower()
+
+
+def bound_names(template: Template) -> tuple[tuple[str, str], ...]:
+    """Return the variables of a rule, and the names of the vehicles and places that the variables stand for in an instance."""
+    return tuple((name, element_name(e)) for name, e in template.binding)
+
+
+def happened(j: InstanceJudgement, name: Naming = element_name) -> str:
+    """Return in words the events of the tick in which an instance of a rule failed."""
+    shape, broken = j.template.shape, dict(j.broken)
+    match shape.waits:
+        case f.Atom("@", (f.Element() as agent, f.Element() as entrance)) if shape.goes and broken.get(shape.waits) is False:
+            goes = say(shape.goes, name, "was")
+            if j.together:
+                return f"{name(agent)} left {name(entrance)} in the first step in which {goes}, not after it"
+            return f"{name(agent)} left {name(entrance)} before {goes}"
+        case f.Not(f.Atom("@", (f.Element() as agent, _)) as entered) if shape.goes and broken.get(entered) is True:
+            goes = say(shape.goes, lambda e: "it" if e == agent else name(e), "was")
+            return f"{name(agent)} entered the junction before {goes}"
+    parts = j.template.atoms
+    inside = [
+        a.terms[0] for a in parts if a.name == "@" and isinstance(a.terms[1], f.Element) and a.terms[1].sort == Sort.JUNCTION
+    ]
+    if shape.kind is Kind.STATE and len(inside) == len(parts) == 2:
+        return f"{', '.join(name(e) for e in inside if isinstance(e, f.Element))} both in junction"
+    return ", ".join(literal(a, v, name) for a, v in j.broken)
+
+
+_CAME = {
+    Zone.ENTRANCE: ("arrived", "had arrived"),
+    Zone.JUNCTION: ("entered", "had entered"),
+    Zone.EXIT: ("was through", "was through"),
+    Zone.GONE: ("was gone", "was gone"),
+}
+"""Per zone, the verb for a vehicle that came to the zone, and the verb for a vehicle that possibly never came to the zone."""
+
+
+def hangs(run: Run, j: InstanceJudgement) -> str:
+    """Return in words the uncertain events or measurement on which an UNSURE instance depends, with the accuracy.
+
+    An example is ``a4 arrived at 12.31 s, a7 arrived at 12.34 s: 0.03 s apart, known to 0.05 s``.
+    """
+    hinge = j.hinge
+    if hinge is None:
+        return ""
+    if hinge.reading:
+        who = " and ".join(dict.fromkeys(element.name for _, element in j.template.binding if element.sort == Sort.AGENT))
+        return f"it depends on {hinge.reading}" + (f" ({who})" if who else "")
+    told = []
+    for happening in hinge.what:
+        if happening.agent is None:
+            what, ended = f"light {happening.light} turned {Colour(happening.code).name.lower()}", ""
+        else:
+            did, had = _CAME[Zone(happening.code)]
+            name = run.agents[happening.agent].name
+            what, ended = f"{name} {did}", f"nothing tells whether {name} {had} when its recording ends"
+        told.append(ended if happening.time is None else f"{what} at {run.start + happening.time:.2f} s")
+    events = ", ".join(told)
+    if isinf(hinge.known):
+        return f"{events}; how long before is not known"
+    if hinge.apart is None:
+        return f"{events}, known to {hinge.known:.2f} s"
+    tie = f", where up to {hinge.tie:.2f} s count as at the same time" if hinge.tie else ""
+    return f"{events}: {abs(hinge.apart):.2f} s apart, known to {hinge.known:.2f} s{tie}"
+
+
+def since(run: Run, j: InstanceJudgement) -> float | None:
+    """Return the time of the uncertain events, or of the beginning of the obligation, on the clock of the recording [s]."""
+    times = [h.time for h in j.hinge.what if h.time is not None] if j.hinge else []
+    tick = None if j.trigger is None else j.trigger * run.dt
+    time = max(times) if times else tick
+    return None if time is None else round(run.start + time, 9)

@@ -21,7 +21,7 @@ from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
 from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.logic.rules.book import get_rule, rules_for
 from pytest_rvads.logic.rules.rule import Rule
-from pytest_rvads.logic.telling.story import bound_names
+from pytest_rvads.logic.telling.phrase import bound_names
 from pytest_rvads.report.draw.scene import picture
 from pytest_rvads.report.folders import run_file
 from pytest_rvads.report.record import Record, SimulatedItem
