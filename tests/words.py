@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.ltl.ltl3 import Machine, Truth, encode, run_machine, settle, settle_empty
+from pytest_rvads.logic.ltl.ltl3 import Machine, Truth, connect, encode, run_machine, settle
 
 Word = Sequence[Sequence[str]]
 
@@ -24,9 +24,19 @@ def verdicts_on(machine: Machine, word: Word) -> list[Truth]:
 
 def holds_on(formula: f.Formula, word: Word) -> bool:
     """Return the truth of a formula on a finite word, by finite-trace semantics; in an empty word no proposition is true."""
-    return bool(settle(formula, _arrays(formula, word), len(word))[0]) if word else settle_empty(formula)
+    return bool(settle(formula, _arrays(formula, word), len(word))[0]) if word else _settle_empty(formula)
 
 
 def _arrays(formula: f.Formula, word: Word) -> dict[f.Atom, Any]:
     states = [frozenset(state) for state in word]
     return {a: np.array([a.name in state for state in states], dtype=np.bool_) for a in f.atoms(formula)}
+
+
+def _settle_empty(formula: f.Formula) -> bool:
+    """Return the truth value of a formula on the empty trace: atoms and strong operators are false, weak operators true."""
+    match formula:
+        case f.Const(value):
+            return value
+        case f.Not() | f.And() | f.Or() | f.Implies() | f.Iff():
+            return bool(connect(formula, [np.array(_settle_empty(part)) for part in f.children(formula)]))
+    return isinstance(formula, f.Always | f.WeakUntil | f.Release)

@@ -177,7 +177,7 @@ def test_an_error_in_a_word_is_told_by_its_own_line(pytester: pytest.Pytester) -
     result.assert_outcomes(failed=1)
     result.stdout.fnmatch_lines(["test_it.py:7: in odd", "E *LinAlgError: Singular matrix"])
     result.stdout.fnmatch_lines(["*1 x mine: LinAlgError: Singular matrix (test_it.py:7)"])
-    assert "evaluate.py" not in result.stdout.str()
+    assert "judge.py" not in result.stdout.str()
     debugged(pytester, "q\n").fnmatch_lines(["> *test_it.py(7)odd()"])
 
 

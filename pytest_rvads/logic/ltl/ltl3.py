@@ -328,13 +328,3 @@ def _until(left: NDArray[np.bool_], right: NDArray[np.bool_]) -> NDArray[np.bool
     # For every state, the first state from this state on in which `right` holds, and in which `left` does not hold.
     holds, ceases = (np.minimum.accumulate(np.where(values, tick, len(left))[::-1])[::-1] for values in (right, ~left))
     return (holds <= ceases) & (holds < len(left))
-
-
-def settle_empty(formula: f.Formula) -> bool:
-    """Return the truth value of a formula on the empty trace: atoms and strong operators are false, weak operators true."""
-    match formula:
-        case f.Const(value):
-            return value
-        case f.Not() | f.And() | f.Or() | f.Implies() | f.Iff():
-            return bool(connect(formula, [np.array(settle_empty(part)) for part in f.children(formula)]))
-    return isinstance(formula, f.Always | f.WeakUntil | f.Release)
