@@ -238,7 +238,7 @@ SIZE_LIMIT = 20_000
 """Largest number of operators and atoms of a formula after its definitions are written out; the text of a formula without
 definitions is too short to exceed the limit."""
 
-_SIGNS = {
+_SPELT_OUT = {
     "not": "!",
     "and": "&",
     "or": "|",
@@ -323,7 +323,7 @@ def _unexpected(error: UnexpectedInput, text: str, keywords: tuple[str, ...]) ->
     for word, place in ((before and before[1], before and before.start(1)), (str(token or ""), at)):
         if not word or place is None:
             continue
-        sign = _SIGNS.get(word.lower())
+        sign = _SPELT_OUT.get(word.lower())
         hint = f"; did you mean {sign!r}?" if sign else suggest(word, [k for k in keywords if k != word]) if len(word) > 2 else ""
         if hint:
             return caret(f"unexpected {word!r}{hint}", text, place)
