@@ -8,9 +8,8 @@ import pytest
 
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
-from pytest_rvads.logic.conduct.predicates import extract
-from pytest_rvads.logic.judging.ground import ground
-from pytest_rvads.logic.judging.prepare import forget
+from pytest_rvads.logic.conduct.static_model import extract
+from pytest_rvads.logic.judging.instances import forget, ground
 from pytest_rvads.logic.ltl.ltl3 import Monitor, encode, run_machine, synthesize
 from pytest_rvads.logic.ltl.parser import parse_ltl
 from pytest_rvads.logic.rules.book import rulebook

@@ -19,9 +19,8 @@ import pytest
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.runs.recording import Recording, Track
-from pytest_rvads.runs.recordingfile import save_recording
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.runfile import save_run
+from pytest_rvads.runs.runfile import save_recording, save_run
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate

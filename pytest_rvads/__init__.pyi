@@ -7,7 +7,7 @@ from pytest_rvads.drivers.follower import Follower as Follower
 from pytest_rvads.drivers.reference import Reference as Reference
 from pytest_rvads.drivers.traffic import RollingStop as RollingStop
 from pytest_rvads.satellites.lgsvl import LgsvlLike as LgsvlLike
-from pytest_rvads.drivers.playback import Replay as Replay
+from pytest_rvads.drivers.traffic import Replay as Replay
 from pytest_rvads.drivers.traffic import traffic as traffic
 from pytest_rvads.satellites.campaigns.campaign import campaign as campaign
 from pytest_rvads.session.collection.marks import known as known, recorded as recorded, scenario as scenario

@@ -251,8 +251,7 @@ def pytest_assertrepr_compare(op: str, left: object, right: object) -> list[str]
     if op not in ("==", "!="):
         return None
     if "pytest_rvads.runs.run" in sys.modules:  # else neither value is a run, and numpy need not be imported
-        from pytest_rvads.runs.divergence import diverge
-        from pytest_rvads.runs.run import Run
+        from pytest_rvads.runs.run import Run, diverge
 
         if isinstance(left, Run) and isinstance(right, Run):
             divergence = diverge(left, right)

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.ltl.finite import settle, settle_empty
-from pytest_rvads.logic.ltl.ltl3 import Machine, Truth, encode, run_machine
+from pytest_rvads.logic.ltl.ltl3 import Machine, Truth, encode, run_machine, settle, settle_empty
 
 Word = Sequence[Sequence[str]]
 

@@ -10,8 +10,8 @@ import math
 from functools import lru_cache
 from typing import NamedTuple
 
+from pytest_rvads.drivers.follower import track
 from pytest_rvads.drivers.interface import Observation
-from pytest_rvads.drivers.way_ahead import track
 from pytest_rvads.geometry.conflicts import Shared
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.precedence import Reason

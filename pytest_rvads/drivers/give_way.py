@@ -10,13 +10,12 @@ from __future__ import annotations
 import math
 
 from pytest_rvads.drivers.crossing import ROLLING, Meeting, Meetings, exit_blocked, may_meet, may_yield, not_queued, runs_through
-from pytest_rvads.drivers.follower import STANDING
+from pytest_rvads.drivers.follower import STANDING, Track
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.signs_and_lights import EAGER, HOLD, SET_OFF, WAIVER, Light, OnYellow, Queue, may_get_green
 from pytest_rvads.drivers.spacing import BEFORE, LEEWAY, stop_before, time_to
-from pytest_rvads.drivers.way_ahead import Track
 from pytest_rvads.geometry.control import JunctionControl, Sign
-from pytest_rvads.logic.conduct.room import stand_back
+from pytest_rvads.logic.conduct.lane import stand_back
 from pytest_rvads.runs.itineraries import LEAVE
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, JUNCTION, Colour, VehicleState
 

@@ -10,11 +10,11 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from pytest_rvads.drivers.follower import Track
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.signs_and_lights import DRIVE, SET_OFF, WAIVER
 from pytest_rvads.drivers.spacing import CREEP, FIRM, FOLLOW, GAP, NEAR, STAND_OFF, stop_before, time_to
 from pytest_rvads.drivers.walking import WALKING
-from pytest_rvads.drivers.way_ahead import Track
 from pytest_rvads.geometry.conflicts import Stretch
 from pytest_rvads.geometry.crosswalks import MODERATE, PERSON, SIDEWALK, Crossing, Side, half
 from pytest_rvads.geometry.line_of_sight import crosses

@@ -34,7 +34,6 @@ Limits = tuple[tuple[float, float | None], ...]
 """Speed limits along a line: per limit the station of its begin [m], in ascending order from 0 on, and the limit [m/s], None on a
 part without a limit in the map. Empty if the map states no limit for the line."""
 _WELD = 0.01
-_Table = tuple[tuple[float, ...], tuple[tuple[float, float, float, float, float], ...]]
 
 LEAST_RADIUS = 2.7 / math.tan(0.61)
 """Least radius of the circle of a car's rear axle, with the wheels turned to their limit [m].
@@ -59,6 +58,25 @@ class Pose(NamedTuple):
     """Direction of travel, counter-clockwise from east [rad]."""
 
 
+class Piece(NamedTuple):
+    """A straight piece of a line, between two of its points."""
+
+    start: float
+    """Station of its start [m]."""
+    end: float
+    """Station of its end [m]."""
+    x: float
+    """East coordinate of its start [m]."""
+    y: float
+    """North coordinate of its start [m]."""
+    ux: float
+    """East component of the unit vector along it."""
+    uy: float
+    """North component of this vector."""
+    heading: float
+    """Its direction, counter-clockwise from east [rad]."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Segment:
     """A directed piece of lane centre line with its arc length."""
@@ -72,7 +90,8 @@ class Segment:
     limits: Limits = ()
     stations: NDArray[np.float64] = field(init=False)
     """Arc length at each point, shape ``(k,)`` [m]."""
-    _table: _Table | None = field(init=False, repr=False, default=None)
+    _table: tuple[tuple[float, ...], tuple[Piece, ...]] | None = field(init=False, repr=False, default=None)
+    """The stations of the points [m], and the pieces between the points."""
 
     def __post_init__(self) -> None:
         points = np.asarray(self.points, dtype=np.float64)
@@ -92,12 +111,11 @@ class Segment:
         parts = self.id, self.points, self.turn, self.junction, self.limits
         return Segment, parts  # the arrays that numpy unpickles are writable
 
-    def _build_table(self) -> _Table:
+    def _build_table(self) -> tuple[tuple[float, ...], tuple[Piece, ...]]:
         """Build and store the table of stations and pieces in plain floats; most segments of a town need no table."""
         unit = np.diff(self.points, axis=0) / np.diff(self.stations)[:, None]
-        pieces = tuple(
-            (x, y, ux, uy, math.atan2(uy, ux)) for (x, y), (ux, uy) in zip(self.points[:-1].tolist(), unit.tolist(), strict=True)
-        )
+        rows = zip(pairwise(self.stations.tolist()), self.points[:-1].tolist(), unit.tolist(), strict=True)
+        pieces = tuple(Piece(*ends, x, y, ux, uy, math.atan2(uy, ux)) for ends, (x, y), (ux, uy) in rows)
         table = tuple(self.stations.tolist()), pieces
         object.__setattr__(self, "_table", table)
         return table
@@ -113,11 +131,10 @@ class Segment:
         along = station - start
         return Pose(x + along * ux, y + along * uy, heading)
 
-    def piece(self, station: float) -> tuple[float, float, float, float, float, float, float]:
-        """Return the piece at `station` [m]: start and end station, start point x, y [m], unit vector x, y, heading [rad]."""
+    def piece(self, station: float) -> Piece:
+        """Return the piece at `station` [m]; the first or the last piece beyond the ends of the line."""
         stations, pieces = self._table or self._build_table()
-        i = bisect_right(stations, station, 1, len(pieces)) - 1
-        return stations[i], stations[i + 1], *pieces[i]
+        return pieces[bisect_right(stations, station, 1, len(pieces)) - 1]
 
     def centre(self, along: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return points of the line [m] and unit vectors along it at stations [m], each of shape ``(k, 2)``."""
@@ -138,17 +155,17 @@ class Segment:
         stop = bisect_right(stations, near + window, i + 1, last + 1) - 1
         best, projection = math.inf, (near, 0.0)
         while i <= stop:
-            px, py, ux, uy, _ = pieces[i]
+            start, end, px, py, ux, uy, _ = pieces[i]
             dx, dy = x - px, y - py
             along = dx * ux + dy * uy
             if along < 0.0:
                 along = 0.0 if i else along
-            elif i < last and along > stations[i + 1] - stations[i]:
-                along = stations[i + 1] - stations[i]
+            elif i < last and along > end - start:
+                along = end - start
             ex, ey = dx - along * ux, dy - along * uy
             error = ex * ex + ey * ey
             if error < best:
-                best, projection = error, (stations[i] + along, ux * dy - uy * dx)
+                best, projection = error, (start + along, ux * dy - uy * dx)
             i += 1
         return projection
 

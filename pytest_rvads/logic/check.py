@@ -21,22 +21,19 @@ from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.geometry.crosswalks import Crossing
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.conduct.blame import cut_short_by
-from pytest_rvads.logic.conduct.predicates import extract
-from pytest_rvads.logic.conduct.presence import cut_off, on_each_way, without_jumps
 from pytest_rvads.logic.conduct.rights import held
 from pytest_rvads.logic.conduct.standing import drives
+from pytest_rvads.logic.conduct.static_model import cut_off, extract, on_each_way, without_jumps
 from pytest_rvads.logic.conduct.validate import damage
-from pytest_rvads.logic.judging.evaluate import Values
-from pytest_rvads.logic.judging.judge import asked, judge, nearest_miss
-from pytest_rvads.logic.judging.judgement import Judgement, Template
-from pytest_rvads.logic.judging.prepare import Prepared, prepare
+from pytest_rvads.logic.judging.attribution import Cycle, by_walkers, find_cycle, is_about, unavoidable, waits
+from pytest_rvads.logic.judging.instances import Prepared, Template, prepare
+from pytest_rvads.logic.judging.judge import Values, asked, judge, nearest_miss
+from pytest_rvads.logic.judging.judgement import Judgement
 from pytest_rvads.logic.judging.readings import agreed, doubted, tolerance
-from pytest_rvads.logic.judging.responsibility import Cycle, by_walkers, find_cycle, is_about, unavoidable, waits
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.outcome import Outcome, counted
 from pytest_rvads.logic.rules.book import RuleBook, current_book, get_rule, is_rulebook, rules_for
-from pytest_rvads.logic.rules.parts import shape_of
-from pytest_rvads.logic.rules.rule import LONGEST_TIE, Rule
+from pytest_rvads.logic.rules.rule import LONGEST_TIE, Rule, shape_of
 from pytest_rvads.logic.telling.explain import tell
 from pytest_rvads.logic.telling.phrase import undecided
 from pytest_rvads.logic.telling.story import Story

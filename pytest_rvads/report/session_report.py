@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 from msgspec import Meta, Struct
 from msgspec.structs import replace
@@ -36,15 +36,23 @@ def exit_status(outcomes: Collection[Outcome], *, complete: bool = True) -> int:
     return 0 if any(outcome.judges for outcome in outcomes) else NOTHING_JUDGED
 
 
-Cell = tuple[str, int | str, str, str, int | None, str | None]
-"""Junction, class, configuration, rule, seat of the subject, and traffic around the subject.
+class Cell(NamedTuple):
+    """What a test item tries, as coverage counts it."""
 
-The pedestrians, if any, stand before the configuration.
+    junction: str
+    cls: int | str
+    """The class of scenarios, or the least scenario of the class if the number of the class does not identify the class, or the
+    name of the recording."""
+    start: str
+    """The pedestrians, if any, and the configuration."""
+    rule: str
+    """The rule, or the name of the test if the test does not run per rule."""
+    seat: int | None
+    """The seat of the subject."""
+    traffic: str | None
+    """The traffic around the subject."""
 
-The name of the test takes the place of the rule if the test does not run per rule. The least scenario of the class takes the
-place of the class if the number of the class does not identify the class. The name of the recording takes the place of the class
-of a recorded run.
-"""
+
 Move = tuple[tuple[int, int], tuple[int, int]]
 """A movement: arm and lane of its entrance, arm and lane of its exit."""
 
@@ -214,9 +222,9 @@ def cell_of(record: Record) -> Cell:
     """Return the cell (junction, class, configuration, rule, ...) of a record; the rotations of a class share a cell."""
     rule = record.rule or record.test
     if isinstance(record, RecordedItem):
-        return record.junction, record.recording, "", rule, None, None
+        return Cell(record.junction, record.recording, "", rule, None, None)
     start = f"{record.pedestrians} {record.cfg}" if record.pedestrians else record.cfg
-    return record.junction, record.orbit or record.cls, start, rule, record.seat, record.traffic
+    return Cell(record.junction, record.orbit or record.cls, start, rule, record.seat, record.traffic)
 
 
 def in_order(records: Sequence[Record]) -> tuple[Record, ...]:

@@ -26,9 +26,8 @@ from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.geometry.ways import Movement, cross
 from pytest_rvads.runs.archive import MOST_LANES, Name, Size, Step, check_size, peek
-from pytest_rvads.runs.recordingfile import FORMAT, load_recording
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.runfile import load_run
+from pytest_rvads.runs.runfile import RECORDING, load_recording, load_run
 from pytest_rvads.runs.states import Agent, Colour, Kind, Zone
 from pytest_rvads.support.decoding import decode, typed
 from pytest_rvads.support.errors import MapError, RunError
@@ -145,7 +144,7 @@ def read_recorded(path: str | Path) -> list[Run]:
 
 
 def _read_npz(path: str | Path) -> Sequence[Run]:
-    is_recording = f'"format": "{FORMAT}"'.encode() in peek(Path(path), "header")
+    is_recording = f'"format": "{RECORDING.format}"'.encode() in peek(Path(path), "header")
     return load_recording(path) if is_recording else [load_run(path)]
 
 

@@ -6,6 +6,11 @@ the agent.
 The clock of a recorded run has steps of 0.01 s, as in simulated runs, so that waiting times and simultaneous arrivals mean the
 same in both kinds of runs. A recording stores the samples and builds a run when the run is indexed, so that one run at a time is
 in memory. Stations and speeds between samples are interpolated.
+
+An excerpt is the part of a recording that one run holds: a busy period, a time with vehicles near the junction, or a part of
+such a time. An instance of a rule (the rule for certain vehicles) is judged in one excerpt: the excerpt that judges the vehicle
+of the instance that appeared last. The indicators of two vehicles are computed in the excerpt that judges the vehicle that
+appeared later. An excerpt also shows vehicles that it does not judge, as context.
 """
 
 from __future__ import annotations
@@ -19,11 +24,73 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.runs.itineraries import itinerary
-from pytest_rvads.runs.periods import NEAR, Period, busy_periods
+from pytest_rvads.runs.itineraries import Itinerary, itinerary
 from pytest_rvads.runs.run import DT, Excerpt, Facts, Run
 from pytest_rvads.runs.smoothing import BRIEF, DERIVED, PACE, beside
 from pytest_rvads.runs.states import Agent, Colour, Kind, Zone
+
+NEAR = 15.0
+"""Distance before its stopping line from which on a vehicle is near the junction [m]: two queuing vehicles fit in."""
+NEAR_TIME = 5.0
+"""A vehicle is also near the junction if it would reach its stopping line within this time at its present speed [s].
+
+The time is not below `pytest_rvads.logic.conduct.rights.DUE`.
+"""
+MOST_JUDGED = 24
+"""Most vehicles that are judged in one run. Longer periods are cut, because the cost grows with the square of the vehicles."""
+
+
+@dataclass(frozen=True, slots=True)
+class Period:
+    """A time in which vehicles are near the junction without a break, or a part of such a time."""
+
+    begin: float
+    """Time at which the first judged vehicle appears [s], or the earlier time at which a vehicle near at that time came near."""
+    end: float
+    """Time at which the last judged vehicle vanishes [s]."""
+    busy: float
+    """Time at which the first judged vehicle comes near the junction [s]."""
+    judged: tuple[int, ...]
+    """Numbers of the judged vehicles; each vehicle is judged in one period."""
+    present: tuple[int, ...]
+    """Numbers of all vehicles that are present in the period, increasing."""
+
+
+def near_junction(station: NDArray[np.float64], speed: NDArray[np.float64], line: float, leave: float) -> NDArray[np.bool_]:
+    """Return whether a vehicle is near the junction at given stations [m] and speeds [m/s].
+
+    A vehicle is near from `NEAR` before its stopping line at the station `line` on, or from the distance that it drives in
+    `NEAR_TIME` if this distance is longer, up to the station `leave` [m].
+    """
+    return (station >= line - np.maximum(NEAR, NEAR_TIME * np.maximum(speed, 0.0))) & (station <= leave)
+
+
+def busy_periods(tracks: Sequence[Track], ways: Sequence[Itinerary]) -> tuple[Period, ...]:
+    """Return the busy periods of a junction in order, given the way of every track."""
+    # The first and the last time at which each vehicle is near the junction [s]; None if it never comes near.
+    near: list[tuple[float, float] | None] = []
+    for track, way in zip(tracks, ways, strict=True):
+        samples = track.times[near_junction(track.station, track.speed, way.line, way.leave)]
+        near.append((float(samples[0]), float(samples[-1])) if len(samples) else None)
+    order = sorted((*both, number) for number, both in enumerate(near) if both is not None)
+    groups: list[list[int]] = []
+    until = -np.inf
+    for begin, end, number in order:
+        if begin > until or len(groups[-1]) >= MOST_JUDGED:
+            groups.append([])
+        groups[-1].append(number)
+        until = max(until, end)
+    begins, ends = (np.array([track.times[k] for track in tracks]) for k in (0, -1))
+    periods = []
+    for group in groups:
+        begin, end = float(begins[group].min()), float(ends[group].max())
+        # The run goes back so far that it shows waiting times, and the order in which vehicles entered.
+        begin = min((since for since, until in filter(None, near) if since < begin <= until), default=begin)
+        present = np.flatnonzero((begins <= end) & (ends >= begin))
+        busy = min(both[0] for number in group if (both := near[number]) is not None)
+        periods.append(Period(begin, end, busy, tuple(sorted(group)), tuple(present.tolist())))
+    return tuple(periods)
+
 
 _Values = NDArray[np.float64]
 _APART = 0.15
@@ -126,9 +193,7 @@ class Recording(Sequence[Run]):
     @cached_property
     def periods(self) -> tuple[Period, ...]:
         """Times at which vehicles were near the junction, each with the numbers of its agents in `tracks`."""
-        spans = [(track.times, track.station, track.speed) for track in self.tracks]
-        ways = [itinerary(self.junction, *track.agent.way.key) for track in self.tracks]
-        periods = busy_periods(spans, [way.line for way in ways], [way.leave for way in ways])
+        periods = busy_periods(self.tracks, [itinerary(self.junction, *track.agent.way.key) for track in self.tracks])
         return tuple(period for period in periods if any(_drives(self.tracks[number]) for number in period.present))
 
     def _run(self, period: Period) -> Run:

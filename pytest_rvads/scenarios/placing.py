@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pytest_rvads.drivers.way_ahead import fastest
+from pytest_rvads.drivers.follower import fastest
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.segment import SPEED_LIMIT
 from pytest_rvads.geometry.ways import Key

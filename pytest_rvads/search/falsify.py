@@ -26,7 +26,7 @@ from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.conduct.blame import cut_short_by
 from pytest_rvads.logic.conduct.kpis import kpis
-from pytest_rvads.logic.conduct.presence import crossed
+from pytest_rvads.logic.conduct.static_model import crossed
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.rules.book import get_rule, rules_for
 from pytest_rvads.logic.rules.rule import Rule

@@ -15,12 +15,22 @@ from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic import conduct
 from pytest_rvads.logic.conduct.blocks import Block, Signal, as_blocks, signal
 from pytest_rvads.logic.conduct.bodies import overlap
-from pytest_rvads.logic.conduct.on_foot import claims
 from pytest_rvads.logic.conduct.priority import brakes_hard, obstructs, owes, unhindered
-from pytest_rvads.logic.conduct.progress import Lost, blocks, idles, losses, may_go
 from pytest_rvads.logic.conduct.rights import close_behind, held, kept_by, kept_by_walker, next_to_go, starting, waives
 from pytest_rvads.logic.conduct.standing import advance, entered, facing, leads, stands, waited, wt
-from pytest_rvads.logic.conduct.waiting import Circles, circles, lets_pass, lets_walk, no_room
+from pytest_rvads.logic.conduct.stretches import claims
+from pytest_rvads.logic.conduct.waiting import (
+    Circles,
+    Lost,
+    blocks,
+    circles,
+    idles,
+    lets_pass,
+    lets_walk,
+    losses,
+    may_go,
+    no_room,
+)
 from pytest_rvads.logic.rules.lexicon import BUILT_IN
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.recording import zones

@@ -9,16 +9,9 @@ import pytest
 
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
-from pytest_rvads.logic.conduct.progress import (
-    BLOCKING_TIME,
-    PATIENCE,
-    blocks,
-    idles,
-    losses,
-    may_go,
-)
 from pytest_rvads.logic.conduct.rights import PACE, comes_first
 from pytest_rvads.logic.conduct.standing import facing, inside
+from pytest_rvads.logic.conduct.waiting import BLOCKING_TIME, PATIENCE, blocks, idles, losses, may_go
 from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, Zone

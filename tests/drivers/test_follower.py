@@ -7,10 +7,9 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from pytest_rvads.drivers.follower import Follower
+from pytest_rvads.drivers.follower import BEND, Follower, Track
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.drivers.way_ahead import BEND, Track
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.segment import Pose
 from pytest_rvads.geometry.turns import Turn

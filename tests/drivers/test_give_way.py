@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pytest_rvads.drivers.follower import Track
 from pytest_rvads.drivers.give_way import GiveWay
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.signs_and_lights import Queue
 from pytest_rvads.drivers.traffic import EVERYWHERE, traffic
-from pytest_rvads.drivers.way_ahead import Track
 from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.finder import find, load
 from pytest_rvads.geometry.junction import Junction

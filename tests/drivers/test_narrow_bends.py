@@ -9,17 +9,16 @@ import numpy as np
 import pytest
 
 from pytest_rvads.drivers import reference
+from pytest_rvads.drivers.follower import AxlePath, axle_path, track
 from pytest_rvads.drivers.interface import Autopilot, Control, Observation
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.drivers.way_ahead import AxlePath, axle_path, track
 from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.finder import find, names
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.segment import Pose, Segment
 from pytest_rvads.geometry.sweep import CAR, plan, with_roads
 from pytest_rvads.logic.check import check
-from pytest_rvads.logic.conduct.lane import off_lane, off_route
-from pytest_rvads.logic.conduct.room import leaves_room, room, stand_back
+from pytest_rvads.logic.conduct.lane import leaves_room, off_lane, off_route, room, stand_back
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.states import Vehicle, Zone
 from pytest_rvads.scenarios.case import Case

@@ -5,11 +5,10 @@ from typing import Any
 
 import pytest
 
-from pytest_rvads.drivers.follower import lookahead, pursue
+from pytest_rvads.drivers.follower import Track, lookahead, pursue
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.spacing import Stopping, behind_leader, can_stop, clear_of_bodies, clear_of_crossing, time_to
-from pytest_rvads.drivers.way_ahead import Track
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.runs.states import Vehicle, VehicleState, Zone

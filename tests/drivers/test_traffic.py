@@ -10,9 +10,8 @@ import pytest
 from pytest_rvads.drivers.follower import Follower
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.naming import chosen
-from pytest_rvads.drivers.playback import Replay
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.drivers.traffic import EVERYWHERE, HESITATION, Policy, RollingStop, traffic
+from pytest_rvads.drivers.traffic import EVERYWHERE, HESITATION, Policy, Replay, RollingStop, traffic
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.conduct.standing import stopped

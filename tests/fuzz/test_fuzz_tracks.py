@@ -15,7 +15,7 @@ from pytest_rvads.logic.check import check
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.readers import read_runs
 from pytest_rvads.runs.recording import Recording
-from pytest_rvads.runs.recordingfile import load_recording, save_recording
+from pytest_rvads.runs.runfile import load_recording, save_recording
 from pytest_rvads.satellites.tracks.importing import read_tracks
 from pytest_rvads.support.errors import RunError
 

@@ -11,8 +11,8 @@ from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.geometry.ways import Entrance, Exit, Movement
-from pytest_rvads.logic.conduct.predicates import extract
-from pytest_rvads.logic.judging.ground import ground
+from pytest_rvads.logic.conduct.static_model import extract
+from pytest_rvads.logic.judging.instances import ground
 from pytest_rvads.logic.rules.rule import parse
 from pytest_rvads.satellites.relations.relations import RELATIONS, Incomparable, Variant
 from pytest_rvads.satellites.relations.remap import Symmetry, broken_by, rotations_of

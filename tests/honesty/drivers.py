@@ -7,9 +7,8 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import pytest_rvads as rvads
-from pytest_rvads.drivers.follower import STANDING, lookahead, pursue
+from pytest_rvads.drivers.follower import STANDING, Track, lookahead, pursue, track
 from pytest_rvads.drivers.reference import Gate
-from pytest_rvads.drivers.way_ahead import Track, track
 
 __all__ = ["REFERENCE", "OnCentreLine", "beside", "cast", "gated", "lawful", "lawful_at", "paced", "stops_at", "timed"]
 

@@ -17,8 +17,7 @@ from hypothesis import strategies as st
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.boolean import rebuild
 from pytest_rvads.logic.ltl.export import label
-from pytest_rvads.logic.ltl.finite import settle
-from pytest_rvads.logic.ltl.ltl3 import Machine, Monitor, Truth, encode, run_machine, synthesize
+from pytest_rvads.logic.ltl.ltl3 import Machine, Monitor, Truth, encode, run_machine, settle, synthesize
 from pytest_rvads.logic.ltl.parser import parse_ltl
 from tests.words import holds_on, verdicts_on
 

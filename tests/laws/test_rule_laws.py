@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.conduct.blocks import as_blocks, assume
-from pytest_rvads.logic.conduct.predicates import extract
 from pytest_rvads.logic.conduct.standing import wt
-from pytest_rvads.logic.judging.evaluate import Values
-from pytest_rvads.logic.judging.ground import ground, simplify, unfold
+from pytest_rvads.logic.conduct.static_model import extract
+from pytest_rvads.logic.judging.instances import ground, simplify, unfold
+from pytest_rvads.logic.judging.judge import Values
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.ltl.finite import settle
+from pytest_rvads.logic.ltl.ltl3 import settle
 from pytest_rvads.logic.rules.book import get_rule
 from pytest_rvads.logic.rules.vocabulary import Sort
 from pytest_rvads.runs.run import Run

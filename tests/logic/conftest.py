@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from pytest_rvads.logic.judging.prepare import forget
+from pytest_rvads.logic.judging.instances import forget
 from pytest_rvads.logic.ltl.ltl3 import synthesize
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.recording import Changes, Recording, Track

@@ -14,8 +14,7 @@ from pytest_rvads.logic.check import check
 from pytest_rvads.logic.rules.book import SHIPPED, RuleBook, current_book, get_rule, predicate, rule, rules_for
 from pytest_rvads.logic.rules.current import own_desk
 from pytest_rvads.logic.rules.rule import Rule, parse
-from pytest_rvads.logic.rules.sameness import same
-from pytest_rvads.logic.rules.vocabulary import Word
+from pytest_rvads.logic.rules.vocabulary import Word, same
 from pytest_rvads.runs.run import Run
 from pytest_rvads.satellites.live.rule_monitor import RuleMonitor
 from pytest_rvads.support.errors import FormulaError

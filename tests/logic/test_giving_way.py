@@ -6,6 +6,7 @@ from the right of a0. Directions are 1 right, 2 straight, 3 left; the entrance v
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -18,17 +19,18 @@ from pytest_rvads.geometry.segment import Segment
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.geometry.ways import Entrance, Movement
 from pytest_rvads.logic.check import check
-from pytest_rvads.logic.conduct.cast import Ground, ground_of
 from pytest_rvads.logic.conduct.lane import wrong_lanes
-from pytest_rvads.logic.conduct.predicates import extract
 from pytest_rvads.logic.conduct.priority import owes
-from pytest_rvads.logic.conduct.progress import may_go
-from pytest_rvads.logic.conduct.rights import comes_first
+from pytest_rvads.logic.conduct.rights import Ground, comes_first, ground_of
 from pytest_rvads.logic.conduct.standing import stopped
-from pytest_rvads.logic.conduct.waiting import due
-from pytest_rvads.logic.judging.prepare import prepare
+from pytest_rvads.logic.conduct.static_model import extract
+from pytest_rvads.logic.conduct.waiting import due, may_go
+from pytest_rvads.logic.judging.instances import prepare
+from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.logic.rules.book import get_rule, rules_for
+from pytest_rvads.logic.rules.lexicon import BUILT_IN
+from pytest_rvads.logic.rules.vocabulary import Sort
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, Zone
 from pytest_rvads.satellites.live.rule_monitor import RuleMonitor
@@ -289,7 +291,9 @@ def test_lanes_of_an_arm_owe_each_other_nothing(drive: Make) -> None:
     assert not comes_first(run, 1, 0).any()
     run = drive(place, {0: wait(1, 800), 4: (2, -2.5, [(0, 1.0), (200, 0.0), (250, 8.0)])}, 1500)
     assert check(run, "first_come").responsible == ("a3",), "it goes where a0 turns to"
-    assert extract(run).beside == {(0, 1), (1, 0)}
+    static, entrances = extract(run), [f.Element(Sort.ENTRANCE, k, "") for k in range(len(place.entrances))]
+    neighbours = product(entrances, repeat=2)
+    assert [(a.index, b.index) for a, b in neighbours if BUILT_IN["beside"].decide(static, a, b)] == [(0, 1), (1, 0)]
 
 
 def test_first_come_applies_to_conflicting_lanes_only(drive: Make) -> None:

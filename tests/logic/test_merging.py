@@ -19,8 +19,8 @@ from pytest_rvads.geometry.segment import Pose, Segment
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.geometry.ways import Entrance, Movement
 from pytest_rvads.logic.check import check
-from pytest_rvads.logic.conduct.cast import Ground, ground_of
 from pytest_rvads.logic.conduct.priority import owes
+from pytest_rvads.logic.conduct.rights import Ground, ground_of
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.runfile import load_run, save_run

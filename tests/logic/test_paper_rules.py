@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 
 from pytest_rvads.logic.check import check
-from pytest_rvads.logic.conduct.predicates import extract
-from pytest_rvads.logic.judging.evaluate import Values
-from pytest_rvads.logic.judging.prepare import prepare
-from pytest_rvads.logic.judging.responsibility import find_cycle
+from pytest_rvads.logic.conduct.static_model import extract
+from pytest_rvads.logic.judging.attribution import find_cycle
+from pytest_rvads.logic.judging.instances import prepare
+from pytest_rvads.logic.judging.judge import Values
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.book import get_rule

@@ -10,8 +10,8 @@ from pytest_rvads.geometry.conflicts import Shared, Stretch
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.conduct.blame import cause_of
-from pytest_rvads.logic.conduct.cast import may_owe
 from pytest_rvads.logic.conduct.priority import HARD_BRAKING
+from pytest_rvads.logic.conduct.rights import may_owe
 from pytest_rvads.logic.conduct.stretches import contested
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour

@@ -10,10 +10,9 @@ import pytest
 
 from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.logic.check import check
-from pytest_rvads.logic.conduct.predicates import extract
-from pytest_rvads.logic.judging.evaluate import Values
-from pytest_rvads.logic.judging.ground import domain, ground, simplify, unfold
-from pytest_rvads.logic.judging.prepare import prepare
+from pytest_rvads.logic.conduct.static_model import extract
+from pytest_rvads.logic.judging.instances import domain, ground, prepare, simplify, unfold
+from pytest_rvads.logic.judging.judge import Values
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.book import get_rule, load_rules, predicate, rule, rulebook, rules_for
 from pytest_rvads.logic.rules.lexicon import BUILT_IN
@@ -316,7 +315,7 @@ def test_vertices_are_entrances_and_exits_and_each_agent_has_one_of_each(make: M
     ids=["outer", "inner"],
 )
 def test_too_many_instances_are_refused_not_left_to_run(make: Make, text: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pytest_rvads.logic.judging.ground.LIMIT", 5_000)
+    monkeypatch.setattr("pytest_rvads.logic.judging.instances.LIMIT", 5_000)
     run = make("stop4", dict.fromkeys(range(4), (2, 10, 50, 200)), 300)
     crowd = Rule("crowd", text)
     message = r"the formula, of size \d+, needs too many instances, one per choice .* \(more than 5,000 steps\): split it"
@@ -327,7 +326,7 @@ def test_too_many_instances_are_refused_not_left_to_run(make: Make, text: str, m
 
 
 def test_decided_subformula_is_not_unfolded(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pytest_rvads.logic.judging.ground.LIMIT", 5_000)
+    monkeypatch.setattr("pytest_rvads.logic.judging.instances.LIMIT", 5_000)
     run = make("stop4", dict.fromkeys(range(4), (2, 10, 50, 200)), 300)
     crowd = Rule("crowd", f"forall a. G (a@j | exists {', '.join(f'a{i}' for i in range(12))}. true)")
     assert check(run, crowd).status == "PASS"  # there is somebody, whoever else there is

@@ -90,7 +90,7 @@ def reverses(block: Block) -> NDArray[np.bool_]:
 ''',
             "pytest_rvads/logic/rules/lexicon.py": (
                 (
-                    "from pytest_rvads.logic.conduct.progress import blocks, idles, may_go, on_crosswalk, stands_on_crosswalk\n",
+                    "from pytest_rvads.logic.ltl import formula as f\n",
                     "from pytest_rvads.logic.conduct.reversing import reverses\n",
                 ),
                 (
@@ -313,7 +313,7 @@ class Idler(Reference):
         return 0.0
 ''',
             "pytest_rvads/drivers/traffic.py": (
-                ("from functools import partial\n\n", "from pytest_rvads.drivers.idler import Idler\n"),
+                ("import numpy as np\n\n", "from pytest_rvads.drivers.idler import Idler\n"),
                 ('    "stopped": Stopped,\n', '    "idler": Idler,\n'),
             ),
         },

@@ -13,8 +13,7 @@ from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.rules.book import get_rule, rulebook
 from pytest_rvads.logic.rules.rule import Rule
-from pytest_rvads.runs.periods import Period
-from pytest_rvads.runs.recording import Recording, Track
+from pytest_rvads.runs.recording import Period, Recording, Track
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Zone
 from pytest_rvads.satellites.lgsvl import LgsvlLike

@@ -10,12 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pytest_rvads.logic.check import check
-from pytest_rvads.logic.conduct import predicates
-from pytest_rvads.logic.conduct.presence import near, together
+from pytest_rvads.logic.conduct import static_model
 from pytest_rvads.logic.conduct.standing import stopped
+from pytest_rvads.logic.conduct.static_model import near, together
 from pytest_rvads.logic.conduct.validate import validate
 from pytest_rvads.logic.judging.verdicts import Status
-from pytest_rvads.runs import periods
+from pytest_rvads.runs import recording as recordings
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.runfile import load_run, save_run
 from pytest_rvads.runs.states import Colour, Zone
@@ -68,7 +68,7 @@ def test_excerpts_say_what_the_whole_recording_says(choices: Choices, later: int
     whole = recorded(strung(runs, [later * number for number in range(len(runs))]))
     (single,) = uncut(whole)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(periods, "MOST_JUDGED", 3)
+        patch.setattr(recordings, "MOST_JUDGED", 3)
         parts = list(replace(whole))
     assert len(parts) > 1
     for rule in concerning(single):
@@ -93,7 +93,7 @@ def test_vehicles_near_together_yield_every_violation(choices: Choices, later: i
     )
     for rule in concerning(few):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(predicates, "together", lambda _run: everybody)
+            patch.setattr(static_model, "together", lambda _run: everybody)
             wanted = instances(all_present, rule)
         found = instances(few, rule)
         decided = {key: told for key, told in wanted.items() if told["status"] in ("FAIL", "OPEN")}

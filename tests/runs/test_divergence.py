@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.runs.divergence import diverge
-from pytest_rvads.runs.run import Collision, Run
+from pytest_rvads.runs.run import Collision, Run, diverge
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.check import check
-from pytest_rvads.runs.run import Collision, Facts, Fault, Run
+from pytest_rvads.runs.run import Collision, Facts, Fault, Run, once
 from pytest_rvads.runs.runfile import load_run, save_run
 from pytest_rvads.runs.states import Colour, Kind, Zone
 from pytest_rvads.scenarios.case import Case
@@ -93,6 +93,18 @@ def test_states_cannot_be_written_to(run: Run, name: str) -> None:
 def test_derived_arrays_are_read_only(run: Run, name: str) -> None:
     with pytest.raises(ValueError, match=r"read-only|output array"):
         getattr(run, name)[0] += 1
+
+
+def test_results_of_a_run_live_as_long_as_the_run_and_are_in_no_copy(run: Run) -> None:
+    works: list[Run] = []
+
+    def work(of: Run) -> int:
+        works.append(of)
+        return len(works)
+
+    copies = replace(run), pickle.loads(pickle.dumps(run))
+    assert [once(run, work), once(run, work)] == [1, 1]
+    assert [once(copy, work) for copy in (*copies, replace(run), pickle.loads(pickle.dumps(run)))] == [2, 3, 4, 5]
 
 
 def test_a_simulated_run_is_a_value_too() -> None:

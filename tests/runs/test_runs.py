@@ -20,7 +20,7 @@ from pytest_rvads.logic.conduct.kpis import describe, kpis
 from pytest_rvads.logic.conduct.validate import validate
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.run import Collision, Excerpt, Facts, Fault, Run
-from pytest_rvads.runs.runfile import VERSION, load_run, save_run
+from pytest_rvads.runs.runfile import RUN, load_run, save_run
 from pytest_rvads.runs.states import Agent, Colour, Zone
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
@@ -123,7 +123,7 @@ def rewrite(path: Path, change: Callable[[dict[str, Any], dict[str, Any]], None]
     ("change", "message"),
     [
         (lambda h, a: h.update(format="other"), "its format is 'other'"),
-        (lambda h, a: h.update(version=VERSION + 1), f"this library reads version {VERSION}"),
+        (lambda h, a: h.update(version=RUN.version + 1), f"this library reads version {RUN.version}"),
         (lambda h, a: h.pop("label"), "header: the field 'label' is missing"),
         (lambda h, a: a.pop("zone"), "'zone' is missing"),
         (lambda h, a: a.pop("header"), "it has no header"),

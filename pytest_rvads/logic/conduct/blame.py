@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,19 +30,27 @@ from numpy.typing import NDArray
 from pytest_rvads.geometry.control import JunctionControl, Sign
 from pytest_rvads.geometry.crosswalks import MODERATE, Crossing
 from pytest_rvads.geometry.line_of_sight import crosses
-from pytest_rvads.logic.conduct.blocks import tick_of
-from pytest_rvads.logic.conduct.cast import Cast, Cause, may_owe
+from pytest_rvads.logic.conduct.blocks import Cast, tick_of
 from pytest_rvads.logic.conduct.lane import off_lane
-from pytest_rvads.logic.conduct.on_foot import Places, claims, places_of, walkers
 from pytest_rvads.logic.conduct.priority import HEADWAY, MIN_GAP, WINDOW, brakes_hard, owes, unhindered
-from pytest_rvads.logic.conduct.progress import idles, may_go
-from pytest_rvads.logic.conduct.rights import comes_first
-from pytest_rvads.logic.conduct.standing import NEVER, STANDSTILL, entered, facing, stopped
-from pytest_rvads.logic.conduct.stretches import contested, shared
-from pytest_rvads.logic.conduct.waiting import waits_to_cross
+from pytest_rvads.logic.conduct.rights import comes_first, may_owe
+from pytest_rvads.logic.conduct.standing import NEVER, STANDSTILL, entered, facing, stands, stopped
+from pytest_rvads.logic.conduct.stretches import CrosswalkPlaces, claims, contested, places_of, shared, walkers
+from pytest_rvads.logic.conduct.waiting import idles, may_go, waits_to_cross
 from pytest_rvads.runs.run import Collision, Run
 from pytest_rvads.runs.states import Colour, Zone
 from pytest_rvads.support.errors import RunError
+
+
+@dataclass(frozen=True, slots=True)
+class Cause:
+    """The vehicles to blame for a collision or meeting, and the reason."""
+
+    agents: tuple[str, ...]
+    """The name of the vehicle to blame, or both names if both vehicles share the blame."""
+    reason: str
+    """What the vehicle did, as a phrase that follows the name of the vehicle: ``"had entered on red"``."""
+
 
 STOOD = 0.5
 """Least time that a vehicle stands still before an impact to count as a standing vehicle [s]."""
@@ -110,7 +119,7 @@ def disregard_at_kerb(run: Run, vehicle: int, walker: int, tick: int) -> Cause |
     return places and _of_walker(run, vehicle, walker, tick, places.begin[0], comes)
 
 
-def _crossed(run: Run, vehicle: int, walker: int) -> Places | None:
+def _crossed(run: Run, vehicle: int, walker: int) -> CrosswalkPlaces | None:
     """Return where a vehicle meets a pedestrian whose crossing it drives over; None for two other agents."""
     cast = Cast(run.junction, [run.agents[vehicle], run.agents[walker]], run.facts)
     return cast.static(places_of) if cast.crossing.any() and (0, 1) in cast.static(walkers).column else None
@@ -132,12 +141,11 @@ def _of_walker(run: Run, vehicle: int, walker: int, tick: int, place: float, com
             before = np.flatnonzero(~comes[:tick])
             since = int(before[-1]) + 1 if len(before) else 0
         else:  # on the crosswalk without a claim
-            since = _entry(run, walker, tick)
-            since = tick if since is None else since
-        station, speed = run.need("station")[:, vehicle], run.need("speed")[:, vehicle]
-        stood = ((np.abs(speed) <= STANDSTILL) & (station < place))[since : tick + 1].any()
+            entry = _entry(run, walker, tick)
+            since = tick if entry is None else entry
+        stood = ((run.need("station")[:, vehicle] < place) & stands(run, vehicle))[since : tick + 1].any()
         noticed = max(since + round(REACTION / run.dt), int(run.spans[vehicle, 0]))  # before, a recorded vehicle can be absent
-        if stood or (noticed < tick and place - station[noticed] > max(speed[noticed], 0.0) ** 2 / (2 * BRAKING)):
+        if stood or (noticed < tick and _can_stop(run, vehicle, noticed, place)):
             fault = f"drove on though it could have stopped for {person}"
     if not fault and (hiding := _hurried_past(run, vehicle, walker, place, tick)):
         fault = f"drove faster than {MODERATE:g} m/s past {hiding}, which hid {person}"
@@ -160,7 +168,6 @@ def _hurried_past(run: Run, vehicle: int, walker: int, place: float, tick: int) 
     """
     if run.pose is None:
         return ""
-    station, speed = run.need("station")[:, vehicle], run.need("speed")[:, vehicle]
     third_vehicles = [
         (column, agent.name, agent.size)
         for column, agent in enumerate(run.agents)
@@ -169,13 +176,13 @@ def _hurried_past(run: Run, vehicle: int, walker: int, place: float, tick: int) 
     # A pedestrian who is not recorded yet is not known to be hidden.
     first = int(run.spans[[vehicle, walker], 0].max())
     for now in range(tick, first - 1, -1):
-        if place - station[now] > speed[now] * (REACTION + speed[now] / (2 * BRAKING)):
+        if _can_stop(run, vehicle, now, place, REACTION):
             return ""
         eye, target = tuple(run.pose[now, vehicle, :2]), tuple(run.pose[now, walker, :2])
-        for column, name, size in third_vehicles if station[now] < place else ():
-            stands = run.here[now, column] and _stood(run, column, now, 0.0)
-            if stands and crosses(eye, target, tuple(run.pose[now, column]), size):
-                return name if speed[now] > MODERATE else ""
+        for column, name, size in third_vehicles if run.need("station")[now, vehicle] < place else ():
+            hides = run.here[now, column] and _stood(run, column, now, 0.0)
+            if hides and crosses(eye, target, tuple(run.pose[now, column]), size):
+                return name if run.need("speed")[now, vehicle] > MODERATE else ""
     return ""
 
 
@@ -327,10 +334,13 @@ def _drove_on(run: Run, agent: int, other: int, tick: int) -> bool:
         return False
     reached = np.flatnonzero(run.station[: tick + 1, other] >= common.yours.start)
     noticed = int(reached[0]) + round(REACTION / run.dt) if len(reached) else tick
-    if noticed >= tick or not run.here[noticed, agent]:
-        return False
-    room = common.mine.start - run.station[noticed, agent]
-    return bool(room > max(run.speed[noticed, agent], 0.0) ** 2 / (2 * BRAKING))
+    return noticed < tick and bool(run.here[noticed, agent]) and _can_stop(run, agent, noticed, common.mine.start)
+
+
+def _can_stop(run: Run, agent: int, tick: int, place: float, delay: float = 0.0) -> bool:
+    """Return whether an agent can stop before the station `place` [m] by braking with `BRAKING`, `delay` [s] after `tick`."""
+    speed = max(run.need("speed")[tick, agent], 0.0)
+    return bool(place - run.need("station")[tick, agent] > speed * delay + speed**2 / (2 * BRAKING))
 
 
 def _braked_for_nothing(run: Run, agent: int, tick: int) -> bool:

@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.logic.conduct.blocks import ABSENT, Block, as_blocks, signal, sized
-from pytest_rvads.logic.conduct.cast import Cast, Pairs
+from pytest_rvads.logic.conduct.blocks import ABSENT, Block, Cast, Pairs, as_blocks, signal, sized
 from pytest_rvads.runs.run import Collision, Run, once
 
 _Size = float | NDArray[np.float64]
@@ -72,8 +71,7 @@ def _recorded_or_bodies(block: Block, columns: Sequence[int]) -> None:
 def collide(block: Block) -> NDArray[np.bool_]:
     """Return whether the bodies of each pair of vehicles touch; a recorded contact counts in its first state only."""
     if block.touching is None:
-        touching: NDArray[np.bool_] = overlap(block)
-        return touching
+        return overlap(block)
     both, names = block.cast.static(couples), {agent.name: column for column, agent in enumerate(block.cast.agents)}
     collisions = np.zeros((len(block.zone), len(both)), dtype=np.bool_)
     for pair, row in block.touching:
@@ -90,8 +88,7 @@ def touch(bodies: Sequence[_Body]) -> NDArray[np.bool_]:
     units = sides / np.hypot(sides[..., :1], sides[..., 1:])
     along = np.abs((sides[:, None] * units[:, :, None]).sum(axis=-1))
     reach = along.reshape(len(along), -1, 2, 2).sum(axis=-1).sum(axis=-1)
-    overlaps: NDArray[np.bool_] = (np.abs((apart[:, None] * units).sum(axis=-1)) < reach).all(axis=1)
-    return overlaps
+    return (np.abs((apart[:, None] * units).sum(axis=-1)) < reach).all(axis=1)
 
 
 def strikes(bodies: Sequence[_Body]) -> NDArray[np.bool_]:
@@ -99,8 +96,7 @@ def strikes(bodies: Sequence[_Body]) -> NDArray[np.bool_]:
     (centres, halves), (middles, around) = (_box(pose, *size) for pose, size in bodies)
     reach, radius = np.hypot(halves[..., 0], halves[..., 1]), np.hypot(around[:, 0, 0], around[:, 0, 1])
     along = np.abs(((middles - centres)[:, None] * halves).sum(axis=-1)) / reach
-    overlaps: NDArray[np.bool_] = np.hypot(*np.maximum(along - reach, 0.0).T) < radius
-    return overlaps
+    return np.hypot(*np.maximum(along - reach, 0.0).T) < radius
 
 
 def close(run: Run) -> NDArray[np.bool_]:
@@ -177,8 +173,7 @@ def velocity(run: Run, agent: int) -> NDArray[np.float64]:
     if run.speed is None:
         return np.zeros((run.steps, 2))
     heading = run.need("pose")[:, agent, 2]
-    velocities: NDArray[np.float64] = run.speed[:, agent, None] * np.stack((np.cos(heading), np.sin(heading)), axis=-1)
-    return velocities
+    return run.speed[:, agent, None] * np.stack((np.cos(heading), np.sin(heading)), axis=-1)
 
 
 _DOUBT = 1e-6

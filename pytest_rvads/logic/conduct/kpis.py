@@ -16,11 +16,10 @@ import numpy as np
 
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.ways import Key
-from pytest_rvads.logic.conduct.blocks import tick_of
+from pytest_rvads.logic.conduct.blocks import tick_of, ticks
 from pytest_rvads.logic.conduct.bodies import contacts, velocity
-from pytest_rvads.logic.conduct.predicates import ticks
-from pytest_rvads.logic.conduct.presence import judged
 from pytest_rvads.logic.conduct.standing import arrived, limits_of
+from pytest_rvads.logic.conduct.static_model import judged
 from pytest_rvads.logic.conduct.stretches import shared
 from pytest_rvads.runs.measured import APART, ArrivalDifferences, Kpis, PairKpis, VehicleKpis
 from pytest_rvads.runs.run import Run, once

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,10 +19,8 @@ from numpy.typing import NDArray
 from pytest_rvads.geometry.conflicts import Shared
 from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.turns import Turn
-from pytest_rvads.logic.conduct.blocks import ENTRANCE, JUNCTION, Block, signal, sized
+from pytest_rvads.logic.conduct.blocks import ENTRANCE, JUNCTION, Block, Cast, signal, sized
 from pytest_rvads.logic.conduct.bodies import collide, couples
-from pytest_rvads.logic.conduct.cast import Cast
-from pytest_rvads.logic.conduct.on_foot import walkers
 from pytest_rvads.logic.conduct.rights import (
     GREEN,
     comes,
@@ -37,7 +36,7 @@ from pytest_rvads.logic.conduct.rights import (
     yields,
 )
 from pytest_rvads.logic.conduct.standing import entered, facing, lane, lasting, stands
-from pytest_rvads.logic.conduct.stretches import contested, neighbours
+from pytest_rvads.logic.conduct.stretches import contested, neighbours, walkers
 from pytest_rvads.runs.states import Agent
 
 HARD_BRAKING = 2.0
@@ -110,8 +109,7 @@ def brakes_hard(block: Block) -> NDArray[np.bool_]:
     row = np.arange(most, most + len(speed))[:, None] - np.maximum(steps, 0)
     slower = np.take_along_axis(speeds, row, axis=0) - speed
     hard = np.where(block.cast.straight, HARD_BRAKING, BEND_BRAKING)
-    braking: NDArray[np.bool_] = (steps > 0) & (slower > hard * steps * block.dt)
-    return braking
+    return (steps > 0) & (slower > hard * steps * block.dt)
 
 
 class _Debts(NamedTuple):
@@ -129,8 +127,7 @@ def _bound(block: Block) -> NDArray[np.bool_]:
     """
     both, owed = block.cast.static(owing), yields(block) & ~np.isnan(block.cast.static(owed_places).begin)
     due = (comes(block) | both.second(ready(block))) & both.second(block.here)
-    bound: NDArray[np.bool_] = owed & due & both.first(block.here)
-    return bound
+    return owed & due & both.first(block.here)
 
 
 @signal
@@ -169,7 +166,7 @@ def _debts(block: Block, before: NDArray[np.object_]) -> tuple[_Debts, NDArray[n
         agent, other = int(both.agents[pair]), int(both.others[pair])
         common = contested(cast, agent, other) if encounters[pair] is None else None
         if common is not None:
-            encounters[pair] = Encounter(cast.agents[agent], cast.agents[other], common, block.dt)
+            encounters[pair] = Encounter.of(cast.agents[agent], cast.agents[other], common, block.dt)
             if entry[agent] < block.tick:
                 encounters[pair].step(_UNSEEN)
         encounter = encounters[pair]
@@ -270,6 +267,7 @@ def _meetings(block: Block, chosen: NDArray[np.int64], firsts: Sequence[int]) ->
         yield map(Meeting._make, zip(*(row[number][first - begin :] for row in rows), strict=True))
 
 
+@dataclass(slots=True, eq=False)
 class Encounter:
     """Follows two vehicles state by state, from the agent's entry until the agent has been off the shared stretch for `MIN_GAP`.
 
@@ -278,64 +276,94 @@ class Encounter:
     the stretch.
     """
 
-    def __init__(self, agent: Agent, other: Agent, common: Shared, dt: float) -> None:
-        self.common, self._dt = common, dt
-        self._lengths = agent.way.length, other.way.length
-        self._passed = common.yours.end + (other.size[0] if other.size else 0.0)
-        self._straight = other.turn is Turn.STRAIGHT
-        self._tick = 0
-        self._since: int | None = None
-        self._left: int | None = None
-        self._taken = self._first = self._braked = self._started = self._excused = False
-        self._place = self._speed = self._pace = math.nan
-        self.owed = False
-        """Whether the agent has owed the way in some state since it last *went*."""
-        self.over = False
-        """Whether the encounter is over, so that no later state changes its values."""
+    common: Shared
+    """The stretches that the ways of the agent and of the other vehicle share."""
+    dt: float
+    """Time between two states [s]."""
+    length: float
+    """Length of the way of the agent [m]."""
+    other_length: float
+    """Length of the way of the other vehicle [m]."""
+    behind: float
+    """Station from which on the whole other vehicle is behind the stretch [m]."""
+    straight: bool
+    """Whether the other vehicle goes straight on."""
+    tick: int = 0
+    """Number of states that have been read."""
+    since: int | None = None
+    """Number of the state in which the agent went."""
+    place: float = math.nan
+    """Station of the other vehicle when the agent went [m]."""
+    speed: float = math.nan
+    """Speed of the other vehicle when the agent went [m/s]."""
+    pace: float = math.nan
+    """Speed to which the other vehicle has slowed down since for reasons of its own [m/s]."""
+    started: bool = False
+    """Whether the other vehicle was about to go when the agent went."""
+    excused: bool = False
+    """Whether the other vehicle waived its right when the agent went, or somebody holds up the agent on the stretch."""
+    braked: bool = False
+    """Whether the other vehicle has braked hard or lost much of its speed since the agent went."""
+    taken: bool = False
+    """Whether the agent has taken the stretch."""
+    first: bool = False
+    """Whether the other vehicle has reached the stretch before the agent."""
+    left: int | None = None
+    """Number of the state in which the rear of the agent left the stretch."""
+    owed: bool = False
+    """Whether the agent has owed the way in some state since it last *went*."""
+    over: bool = False
+    """Whether the encounter is over, so that no later state changes its values."""
+
+    @classmethod
+    def of(cls, agent: Agent, other: Agent, common: Shared, dt: float) -> Encounter:
+        """Return the encounter of two vehicles before its first state."""
+        behind = common.yours.end + (other.size[0] if other.size else 0.0)
+        return cls(common, dt, agent.way.length, other.way.length, behind, other.turn is Turn.STRAIGHT)
 
     def step(self, now: Meeting) -> tuple[bool, bool]:
         """Read a state and return whether the agent owes the way, and whether it obstructs the other vehicle."""
-        tick, self._tick = self._tick, self._tick + 1
+        tick, self.tick = self.tick, self.tick + 1
         mine, yours = self.common.mine, self.common.yours
         before = now.front < mine.start
-        if self._since is None or (before and now.still and not self._first):
-            self._started, self._excused = now.starting, now.waives
-            self._braked = self.owed = False
-            self._place = math.nan
-        if math.isnan(self._place):
-            self._since, self._place, self._speed, self._pace = tick, now.ahead, now.speed, now.speed
+        if self.since is None or (before and now.still and not self.first):
+            self.started, self.excused = now.starting, now.waives
+            self.braked = self.owed = False
+            self.place = math.nan
+        if math.isnan(self.place):
+            self.since, self.place, self.speed, self.pace = tick, now.ahead, now.speed, now.speed
         self.owed |= now.bound
-        if not self._taken and not self._first:
-            self._first = now.ahead >= yours.start
-            self._taken = not before and now.ahead < yours.start
-        if self._left is None and now.rear > mine.end:
-            self._left = tick
-        self._excused |= now.kept and not before and self._left is None
+        if not self.taken and not self.first:
+            self.first = now.ahead >= yours.start
+            self.taken = not before and now.ahead < yours.start
+        if self.left is None and now.rear > mine.end:
+            self.left = tick
+        self.excused |= now.kept and not before and self.left is None
         if not now.unhindered:
-            self._pace = min(self._pace, now.speed)
+            self.pace = min(self.pace, now.speed)
         elif now.ahead < yours.start:  # it brakes or slows down without a reason of its own
-            slowed = self._straight and now.speed < min(self._pace - LOSS, self._pace * (1 - SHARE))
-            self._braked |= slowed or now.brakes
-        hit = self.owed and not self._excused and self._obstructed(tick, now)
-        owes = now.bound and not self._excused
-        passed = now.ahead > self._passed or (self._left is not None and (tick - self._left) * self._dt >= MIN_GAP)
+            slowed = self.straight and now.speed < min(self.pace - LOSS, self.pace * (1 - SHARE))
+            self.braked |= slowed or now.brakes
+        hit = self.owed and not self.excused and self._obstructed(tick, now)
+        owes = now.bound and not self.excused
+        passed = now.ahead > self.behind or (self.left is not None and (tick - self.left) * self.dt >= MIN_GAP)
         self.over = self.over or passed
         return owes or hit, hit
 
     def _obstructed(self, tick: int, now: Meeting) -> bool:
         mine, yours = self.common.mine, self.common.yours
         reached = now.ahead >= yours.start
-        if now.touching and reached and now.front >= mine.start and self._left is None:
+        if now.touching and reached and now.front >= mine.start and self.left is None:
             return True
-        if not self._taken or self._since is None:
+        if not self.taken or self.since is None:
             return False
         if reached:
-            if self._left is not None:
-                return (tick - self._left) * self._dt < MIN_GAP and not self.common.merges
+            if self.left is not None:
+                return (tick - self.left) * self.dt < MIN_GAP and not self.common.merges
             if not self.common.merges:
                 return True
-            apart = (now.rear - self._lengths[0]) - (now.ahead - self._lengths[1])
+            apart = (now.rear - self.length) - (now.ahead - self.other_length)
             return apart < MIN_GAP * now.speed
         # The station of the other vehicle `MIN_GAP` from now, if it had kept the speed that it had when the agent went.
-        unhindered = self._place + self._speed * ((tick - self._since) * self._dt + MIN_GAP)
-        return self._started or (self._braked and self._left is None and unhindered > yours.start)
+        unhindered = self.place + self.speed * ((tick - self.since) * self.dt + MIN_GAP)
+        return self.started or (self.braked and self.left is None and unhindered > yours.start)

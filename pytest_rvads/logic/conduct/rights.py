@@ -7,19 +7,26 @@ go.
 Conduct is judged by hazard, in seconds and metres, and not by zones: rights hold from the entrance zone until the vehicle that
 must give way is clear of the shared stretch. Rules and shipped drivers read the same definitions: the predicates of rules, such
 as ``owes``, ``meet`` and ``may_go``, take their numbers from this package.
+
+A pair of vehicles has at most one `Ground` on which one gives way to the other, which stays the same in the run. Lights decide
+between two vehicles that come to lights. At an all-way stop the order of arrival decides. In all other cases the map, the signs
+and the sides from which both vehicles come decide (`Junction.yields`).
 """
 
 from __future__ import annotations
 
+from enum import StrEnum
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.geometry.control import JunctionControl
-from pytest_rvads.logic.conduct.blocks import ABSENT, EXIT, Block, signal, sized
-from pytest_rvads.logic.conduct.cast import Cast, Pairs, everybody, ground_of, in_turn, lit, may_owe, pairs
-from pytest_rvads.logic.conduct.on_foot import places_of, takes_crosswalk, walk, walkers
+from pytest_rvads.geometry.control import JunctionControl, Sign
+from pytest_rvads.geometry.crosswalks import Crossing, Parking
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.precedence import Reason
+from pytest_rvads.geometry.ways import Key
+from pytest_rvads.logic.conduct.blocks import ABSENT, EXIT, Block, Cast, Pairs, everybody, pairs, signal, sized
 from pytest_rvads.logic.conduct.standing import (
     STOP_PLACE,
     TIE,
@@ -32,8 +39,97 @@ from pytest_rvads.logic.conduct.standing import (
     stands,
     waited,
 )
-from pytest_rvads.logic.conduct.stretches import Places, ahead_by, contested, contested_places, neighbours, places, roads
+from pytest_rvads.logic.conduct.stretches import (
+    Places,
+    ahead_by,
+    contested,
+    contested_places,
+    neighbours,
+    places,
+    places_of,
+    roads,
+    takes_crosswalk,
+    walk,
+    walkers,
+)
+from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour
+from pytest_rvads.support.errors import RunError
+
+_MINOR = (Sign.STOP, Sign.YIELD)
+
+
+class Ground(StrEnum):
+    """The grounds (reasons) on which a vehicle has to give way to another vehicle."""
+
+    SIGN = "sign"
+    """The vehicle comes past a stop or yield sign, and the other vehicle does not."""
+    PRIORITY = "priority"
+    """The other vehicle has a priority sign and this vehicle has no sign, or the map says which movement has priority."""
+    SIDE = "side"
+    """The other vehicle comes from the near side: the right, where traffic keeps right."""
+    TURN = "turn"
+    """The vehicle turns across the way of oncoming traffic."""
+    MERGE = "merge"
+    """According to the map, the lane of the vehicle joins the lane of the other vehicle."""
+
+
+def lit(junction: Junction, entrance: int) -> bool:
+    """Return whether an entrance, given by number, has a light; further numbers are starts of ways that begin at no entrance."""
+    return junction.starts[entrance].sign is Sign.LIGHTS
+
+
+def ground_of(junction: Junction, way: Key, other: Key) -> Ground | None:
+    """Return the ground on which an agent on way `way` has to give way to an agent on way `other`; None without a ground."""
+    if junction.control is JunctionControl.STOP:
+        return None
+    if junction.yields is None:
+        raise RunError("the run holds no geometry of its junction")
+    reason = junction.yields.get((way, other))
+    if lit(junction, way[0]) and lit(junction, other[0]):
+        return Ground.TURN if reason is Reason.TURN else None
+    match reason:
+        case Reason.SIGN:
+            return Ground.SIGN if junction.entrances[way[0]].sign in _MINOR else Ground.PRIORITY
+        case Reason.STATED:
+            return Ground.PRIORITY
+        case Reason.RIGHT:
+            return Ground.SIDE
+        case Reason.TURN:
+            return Ground.TURN
+        case Reason.MERGE:
+            return Ground.MERGE
+    return None
+
+
+def in_turn(junction: Junction, way: Key, other: Key) -> bool:
+    """Return whether, at an all-way stop, the order of arrival decides which of two vehicles on given movements goes first.
+
+    The order of arrival decides between movements from different arms that share a stretch (California Vehicle Code 21800(a)
+    protects a vehicle that has entered). If the places of the lanes are unknown, the order of arrival decides between all
+    movements from different arms.
+    """
+    if not junction.movements.keys() >= {way, other} or junction.entrances[way[0]].arm == junction.entrances[other[0]].arm:
+        return False
+    return junction.conflicts is None or (way, other) in junction.conflicts
+
+
+def may_owe(run: Run | Cast, agent: int, other: int) -> bool:
+    """Return whether it is possible that the agent has to give way to the other agent: on a `Ground`, or in a turn on red.
+
+    Pedestrians are owed crosswalks, see `walkers`, and parked vehicles are owed nothing.
+    """
+    me, you, junction = run.agents[agent], run.agents[other], run.junction
+    if agent == other or junction.control is JunctionControl.STOP or isinstance(you.way, Crossing | Parking):
+        return False
+    if not lit(junction, me.entrance):
+        return ground_of(junction, me.way.key, you.way.key) is not None
+    if me.turn is junction.near:
+        return True
+    if not lit(junction, you.entrance):
+        return ground_of(junction, me.way.key, you.way.key) is not None
+    return me.turn is junction.far and you.turn is not junction.far and (me.entrance, you.entrance) in junction.opposite
+
 
 GREEN, YELLOW, RED = int(Colour.GREEN), int(Colour.YELLOW), int(Colour.RED)
 _ALL_WAY = JunctionControl.STOP
@@ -62,8 +158,7 @@ def lights(cast: Cast) -> NDArray[np.bool_]:
 def has_way(block: Block) -> NDArray[np.bool_]:
     """Return whether the light of each vehicle is (or was at its entry) green or yellow, or the vehicle comes to no light."""
     colour = facing(block)
-    allowed: NDArray[np.bool_] = ~block.cast.static(lights) | (colour == GREEN) | (colour == YELLOW)
-    return allowed
+    return ~block.cast.static(lights) | (colour == GREEN) | (colour == YELLOW)
 
 
 def owing(cast: Cast) -> Pairs:
@@ -98,15 +193,13 @@ def yields(block: Block) -> NDArray[np.bool_]:
     """
     both, (always, near) = block.cast.static(owing), block.cast.static(_always)
     bound = always | ((both.first(facing(block)) == RED) == near)
-    gives_way: NDArray[np.bool_] = bound & both.second(has_way(block))
-    return gives_way
+    return bound & both.second(has_way(block))
 
 
 @signal
 def ready(block: Block) -> NDArray[np.bool_]:
     """Return whether each vehicle is due because it is first at its line, may go, and does not waive its right."""
-    due: NDArray[np.bool_] = next_to_go(block) & ~waives(block)
-    return due
+    return next_to_go(block) & ~waives(block)
 
 
 def coming(block: Block, both: Pairs, at: Places) -> NDArray[np.bool_]:
@@ -121,8 +214,7 @@ def coming(block: Block, both: Pairs, at: Places) -> NDArray[np.bool_]:
 @signal(pairs=owing)
 def comes(block: Block) -> NDArray[np.bool_]:
     """Return whether each pair's second vehicle is on the shared stretch, or reaches it within `DUE` at its present speed."""
-    near: NDArray[np.bool_] = coming(block, block.cast.static(owing), block.cast.static(owed_places))
-    return near
+    return coming(block, block.cast.static(owing), block.cast.static(owed_places))
 
 
 @signal
@@ -162,8 +254,7 @@ def near_crosswalk(block: Block) -> NDArray[np.bool_]:
 @signal(pairs=walkers, needs=sized)
 def owes_crossing(block: Block) -> NDArray[np.bool_]:
     """Return whether each pair's vehicle owes the crosswalk to the pedestrian, and comes there or takes it at present."""
-    owed: NDArray[np.bool_] = (near_crosswalk(block) | takes_crosswalk(block)) & walk(block).owed
-    return owed
+    return (near_crosswalk(block) | takes_crosswalk(block)) & walk(block).owed
 
 
 def in_turns(cast: Cast) -> Pairs:
@@ -174,8 +265,7 @@ def in_turns(cast: Cast) -> Pairs:
 @signal(pairs=in_turns)
 def comes_first(block: Block) -> NDArray[np.bool_]:
     """Return whether each pair's second vehicle goes first, because their movements meet and it came first, see `came_first`."""
-    earlier: NDArray[np.bool_] = came_first(block)[:, block.cast.columns(in_turns, everybody)]
-    return earlier
+    return came_first(block)[:, block.cast.columns(in_turns, everybody)]
 
 
 def _on_the_right(cast: Cast) -> NDArray[np.bool_]:
@@ -204,8 +294,7 @@ def came_first(block: Block) -> NDArray[np.bool_]:
 def next_to_go(block: Block) -> NDArray[np.bool_]:
     """Return whether each vehicle is first at its line and has the right to go."""
     green = ~block.cast.static(lights) | (facing(block) == GREEN)
-    next_vehicles: NDArray[np.bool_] = first_at_line(block) & ~held(block) & green
-    return next_vehicles
+    return first_at_line(block) & ~held(block) & green
 
 
 @signal(start=(0, _LONG_AGO))

@@ -1,4 +1,4 @@
-"""Measures what a vehicle does by itself: waiting time, colour of the light ahead, progress, stops, keeping of the speed limit.
+"""Measures what a vehicle does by itself: place, waiting time, colour of the light ahead, progress, stops, speed limit.
 
 The rulebook ``road`` uses measures that the paper's predicates lack: stopping before the line, arriving at the line, keeping the
 speed limit. The tolerances of this module are parameters of this rulebook. A measure that needs values that the run does not
@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.ways import Key
-from pytest_rvads.logic.conduct.blocks import APPROACH, ENTRANCE, JUNCTION, Block, signal, sized
-from pytest_rvads.logic.conduct.cast import Cast, Pairs, pairs
+from pytest_rvads.logic.conduct.blocks import APPROACH, ENTRANCE, EXIT, JUNCTION, Block, Cast, Pairs, Signal, pairs, signal, sized
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.run import Facts, Run
 from pytest_rvads.support.errors import RunError
@@ -61,8 +60,7 @@ def latched(set_: NDArray[np.bool_], reset: NDArray[np.bool_], before: NDArray[n
     count = np.arange(1, len(set_) + 1)[:, None]
     last_set = np.maximum.accumulate(np.where(set_, count, 0), axis=0)
     last_reset = np.maximum.accumulate(np.where(reset, count, 0), axis=0)
-    truths: NDArray[np.bool_] = (last_set > last_reset) | (before & (last_reset == 0))
-    return truths
+    return (last_set > last_reset) | (before & (last_reset == 0))
 
 
 NEVER = int(np.iinfo(np.int64).max)
@@ -111,8 +109,7 @@ def inside(block: Block) -> NDArray[np.bool_]:
     """Return whether a part of the body of each vehicle is in the junction."""
     front, cast = block.need("station"), block.cast
     entry = np.maximum(cast.static(lines), 0.0)  # the stations at which the junction begins, see `Itinerary.entry`
-    inside_junction: NDArray[np.bool_] = (front > entry) & ((front - cast.length) - cast.way < 0.0) & block.here
-    return inside_junction
+    return (front > entry) & ((front - cast.length) - cast.way < 0.0) & block.here
 
 
 def lines(cast: Cast) -> NDArray[np.float64]:
@@ -144,8 +141,7 @@ def lane(cast: Cast) -> Pairs:
 @signal
 def stands(block: Block) -> NDArray[np.bool_]:
     """Return whether each vehicle stands still."""
-    still: NDArray[np.bool_] = np.abs(block.need("speed")) <= STANDSTILL
-    return still
+    return np.abs(block.need("speed")) <= STANDSTILL
 
 
 @signal
@@ -232,8 +228,7 @@ def standing_time(run: Run, agent: int) -> NDArray[np.int32]:
     """Return for how many steps the agent has been standing at its entrance: the waiting time in the text of the paper."""
     tick = np.arange(run.steps, dtype=np.int32)
     still = (run.zone[:, agent] == ENTRANCE) & stands(run, agent)
-    durations: NDArray[np.int32] = tick - np.maximum.accumulate(np.where(still, 0, tick))
-    return durations
+    return tick - np.maximum.accumulate(np.where(still, 0, tick))
 
 
 def drives(run: Run, agent: int) -> bool:
@@ -254,8 +249,7 @@ def speeding(block: Block) -> NDArray[np.bool_]:
     if borders.size:
         piece = (block.need("station")[..., None] >= borders).sum(axis=-1)
         most = np.take_along_axis(limits[None], piece[..., None], axis=-1)[..., 0]
-    too_fast: NDArray[np.bool_] = np.abs(block.need("speed")) > most + SPEED_TOLERANCE
-    return too_fast
+    return np.abs(block.need("speed")) > most + SPEED_TOLERANCE
 
 
 def _limits(cast: Cast) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -280,3 +274,17 @@ def limits_of(junction: Junction, way: Key, facts: Facts) -> tuple[tuple[float, 
     if len(known_limits) < len(limits):
         raise RunError("the run holds no speed limit" + (", and its map states none for a part of a way" if known_limits else ""))
     return known_limits
+
+
+in_junction = signal(lambda block: block.zone == JUNCTION)
+"""Whether each vehicle is in the junction (``a@j``), with its reference point on a movement of the junction."""
+at_entrance = signal(lambda block: block.zone == ENTRANCE)
+"""Whether each vehicle is at its entrance (``a@j.en``)."""
+on_approach = signal(lambda block: (block.zone == APPROACH) | (block.zone == ENTRANCE))
+"""Whether each vehicle is on the road to its entrance (``a@r``); the entrance zone is part of the road."""
+on_exit = signal(lambda block: block.zone == EXIT)
+"""Whether each vehicle is on its exit road (``a@j.ex`` and ``a@r``), which begins with the exit vertex."""
+speed: Signal[NDArray[np.float64]] = Signal(lambda block: block.need("speed"), otherwise=np.nan)
+"""The speed of each vehicle, ``a.sp`` [m/s]."""
+colour: Signal[NDArray[np.int8]] = Signal(lambda block: block.lights, of_entrances=True)
+"""The colour of the light at every entrance, ``lt.cl``."""

@@ -1,22 +1,29 @@
-"""Locates agents on the stretches that the ways of two agents through the junction share."""
+"""Locates agents on the stretches that the ways of two agents through the junction share, and pedestrians on crosswalks.
+
+A crosswalk is owed to a pedestrian who is on the vehicle's half of the roadway, or who is on the other half and comes into the
+lane of the vehicle within `DUE_ON_FOOT` (Uniform Vehicle Code 11-502(a), California Vehicle Code 21950(a)). It is not owed to a
+pedestrian who is past the lane of the vehicle and walks away from it.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.geometry.conflicts import Shared, Stretch
+from pytest_rvads.geometry.crosswalks import Crossing, Side, half
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.ways import CONFLICT_WIDTH, Key
-from pytest_rvads.logic.conduct.blocks import ENTRANCE, Block, signal, sized
-from pytest_rvads.logic.conduct.cast import Cast, Pairs, pairs
+from pytest_rvads.logic.conduct.blocks import ENTRANCE, Block, Cast, Pairs, pairs, signal, sized
+from pytest_rvads.logic.conduct.standing import STANDSTILL, entered, facing, latched, stands
 from pytest_rvads.runs.itineraries import LEAVE
 from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Colour
 from pytest_rvads.support.errors import RunError
 
 _SPACING = 0.5
@@ -98,9 +105,12 @@ def places(of: Callable[[Cast], Pairs], common: Callable[[Cast, int, int], Share
 _meeting_places = places(meeting, shared)
 
 
-@signal(pairs=meeting)
-def _both_there(block: Block) -> NDArray[np.bool_]:
-    """Return whether the bodies of both vehicles of each pair are on a stretch shared by their ways."""
+@signal(pairs=meeting, needs=sized)
+def meet(block: Block) -> NDArray[np.bool_]:
+    """Return whether the vehicles of each pair meet: the bodies of both are on a stretch shared by their ways.
+
+    Vehicles with movements into the same exit meet while they are side by side, not while one vehicle follows the other.
+    """
     cast, both, at = block.cast, block.cast.static(meeting), block.cast.static(_meeting_places)
     front = block.need("station")
     rear = front - cast.length
@@ -110,16 +120,6 @@ def _both_there(block: Block) -> NDArray[np.bool_]:
     if cast.crossing.any():  # the stretch can begin at the kerb, where a pedestrian stands in nobody's way
         on_road = ~cast.crossing | (block.zone > ENTRANCE)
         meeting_pairs &= both.first(on_road) & both.second(on_road)
-    return meeting_pairs
-
-
-@signal(pairs=meeting, needs=sized)
-def meet(block: Block) -> NDArray[np.bool_]:
-    """Return whether the vehicles of each pair meet: the bodies of both are on a stretch shared by their ways.
-
-    Vehicles with movements into the same exit meet while they are side by side, not while one vehicle follows the other.
-    """
-    cast, both, at, meeting_pairs = block.cast, block.cast.static(meeting), block.cast.static(_meeting_places), _both_there(block)
     if meeting_pairs.any():
         front = block.need("station") - cast.way
         rear = block.need("station") - cast.length - cast.way
@@ -182,3 +182,111 @@ def ahead_by(block: Block) -> NDArray[np.float64]:
     behind = ahead - both.second(block.cast.length)
     way, front = (behind < road.parting) | (ahead >= road.joining), front + road.shift
     return np.where(way & (ahead > front) & both.second(block.here), behind - front, np.inf)
+
+
+DUE_ON_FOOT = 3.0
+"""Time to the lane of a vehicle below which a pedestrian on the other half of the roadway is due [s]: a lane of 3.5 m at 1.2 m/s,
+which 85 % of pedestrians exceed. "Within one lane of the half of the roadway" says Revised Code of Washington 46.61.235(1)."""
+
+
+def walkers(cast: Cast) -> Pairs:
+    """Return the pairs of a vehicle and a pedestrian whose crossing the vehicle drives over."""
+    if not cast.crossing.any():
+        return Pairs([])
+    on_foot = cast.crossing.tolist()
+    return pairs(cast, lambda agent, other: on_foot[other] > on_foot[agent] and shared(cast, agent, other) is not None)
+
+
+class CrosswalkPlaces(NamedTuple):
+    """The places where vehicles meet pedestrians, arrays of shape ``(pairs,)`` [m].
+
+    The first three are stations on the way of the vehicle, the others on the way of the pedestrian.
+    """
+
+    begin: NDArray[np.float64]
+    """Beginning of the painted area."""
+    near: NDArray[np.float64]
+    """Beginning of the stretch shared with the crossing, around the line on which the pedestrian walks."""
+    far: NDArray[np.float64]
+    """End of this stretch."""
+    lane: NDArray[np.float64]
+    """Beginning of the lane of the vehicle."""
+    lane_end: NDArray[np.float64]
+    half: NDArray[np.float64]
+    """Beginning of the half of the roadway on which the vehicle drives."""
+    half_end: NDArray[np.float64]
+
+
+def places_of(cast: Cast) -> CrosswalkPlaces:
+    """Return the places where the pairs of `walkers` meet, see `CrosswalkPlaces`."""
+    rows = []
+    for agent, other in cast.static(walkers).column:
+        way, common = cast.agents[other].way, shared(cast, agent, other)
+        if isinstance(way, Crossing) and common:
+            crosswalk, (lane, lane_end) = cast.junction.crossings[way.crosswalk], common.yours
+            area = cast.junction.covers.get((way.crosswalk, cast.agents[agent].way.key), common.mine)
+            middle = crosswalk.middle if way.side is Side.NEAR else way.length - crosswalk.middle
+            halves = half(crosswalk, way, first=(lane + lane_end) / 2 < middle)
+            rows.append((area.start, *common.mine, lane, lane_end, *halves))
+    return CrosswalkPlaces(*np.array(rows).reshape(-1, 7).T)
+
+
+class Walk(NamedTuple):
+    """What the pedestrian of each pair of `walkers` does, arrays of shape ``(n, pairs)``."""
+
+    on: NDArray[np.bool_]
+    """Whether the pedestrian is on the roadway, and not past the lane of the vehicle."""
+    claims: NDArray[np.bool_]
+    """Whether the pedestrian is also on the half of the vehicle, or walks towards it."""
+    owed: NDArray[np.bool_]
+    """Whether the pedestrian is also on the half of the vehicle, or comes into its lane within `DUE_ON_FOOT`."""
+    within: NDArray[np.bool_]
+    """Whether the pedestrian is in the lane of the vehicle."""
+
+
+@signal
+def walk(block: Block) -> Walk:
+    """Return where the pedestrian of each pair of `walkers` is, and whether it comes, see `Walk`; a negative speed leads back."""
+    cast, both, at = block.cast, block.cast.static(walkers), block.cast.static(places_of)
+    front, pace = both.second(block.need("station")), both.second(block.need("speed"))
+    rear = front - both.second(cast.length)
+    back, moves = pace < -STANDSTILL, np.abs(pace) > STANDSTILL
+    road = (front > 0.0) & (rear < both.second(cast.way)) & both.second(block.here)
+    on = road & np.where(back, front >= at.lane, rear <= at.lane_end)
+    half = (front > at.half) & (rear < at.half_end)
+    due = moves & (np.where(back, rear - at.lane_end, at.lane - front) <= DUE_ON_FOOT * np.abs(pace))
+    within = road & (front >= at.lane) & (rear <= at.lane_end)
+    return Walk(on, on & (half | moves), on & (half | due), within)
+
+
+@signal(pairs=walkers)
+def claims(block: Block) -> NDArray[np.bool_]:
+    """Return whether the pedestrian of each pair claims the crosswalk, see `Walk.claims`."""
+    return walk(block).claims
+
+
+@signal(pairs=walkers, start=(np.nan, False, False), needs=sized)
+def takes_crosswalk(
+    block: Block, before: NDArray[np.float64], stood: NDArray[np.bool_], came: NDArray[np.bool_]
+) -> tuple[NDArray[Any], ...]:
+    """Return whether the vehicle of each pair takes the crosswalk: it drives onto the painted area, or sets off there.
+
+    A vehicle also takes the crosswalk while it is where the pedestrian walks, if the pedestrian claimed the crosswalk when the
+    vehicle drove onto it or set off there.
+    """
+    cast, both, at, steps = block.cast, block.cast.static(walkers), block.cast.static(places_of), walk(block)
+    front, seen = both.first(block.need("station")), both.second(block.here)
+    # What the vehicle did before the pedestrian appeared does not count, as in a monitor that does not know the pedestrian yet.
+    known, still = np.where(seen, front, np.nan), both.first(stands(block)) & seen
+    last, had_stood = np.concatenate((before[None], known[:-1])), np.concatenate((stood[None], still[:-1]))
+    sets_off = had_stood & (both.first(block.need("speed")) > STANDSTILL) & (front >= at.begin) & (front < at.far)
+    goes = ((last < at.begin) & (front >= at.begin)) | sets_off
+    came_first = latched(goes & steps.claims, goes & ~steps.claims, came)
+    meets = steps.within & (front >= at.near) & (front - both.first(cast.length) <= at.far)
+    return both.first(block.here) & (goes | (meets & came_first)), known, still, came_first
+
+
+@signal
+def stepped_on_walk(block: Block) -> NDArray[np.bool_]:
+    """Return whether the light of each pedestrian showed green (WALK) when the pedestrian stepped onto the crosswalk."""
+    return (entered(block) <= block.ticks) & (facing(block) == Colour.GREEN)

@@ -8,54 +8,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from pytest_rvads.logic.judging.instances import Template
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.ltl.ltl3 import Machine
-from pytest_rvads.logic.rules.parts import Shape
-from pytest_rvads.logic.rules.vocabulary import Sort
-
-Binding = tuple[tuple[str, f.Element], ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Member:
-    """An instance of a rule among the instances that share a template because they have the same meaning."""
-
-    binding: Binding
-    premise: f.Formula | None
-    """The premise (condition of the obligation) of the instance; None if the rule has no premise."""
-    bound: tuple[f.Element, ...]
-    """The agents that are bound to act."""
-
-
-@dataclass(frozen=True, slots=True)
-class Template:
-    """An instance of a rule with its monitor; instances with the same meaning share a template."""
-
-    formula: f.Formula
-    shape: Shape
-    members: tuple[Member, ...]
-    """The first instance with this meaning, followed by the instances that were merged into the first instance."""
-    machine: Machine
-    """Monitor over the propositions p0, p1, ...; instances that differ only in their atoms share a machine."""
-    atoms: tuple[f.Atom, ...]
-    """The atoms that the propositions stand for."""
-
-    @property
-    def binding(self) -> Binding:
-        """The elements that the variables of the instance stand for."""
-        return self.members[0].binding
-
-    @property
-    def premises(self) -> tuple[f.Formula, ...]:
-        """The different premises of the members; empty if the rule has no premise."""
-        premises = dict.fromkeys(member.premise for member in self.members)
-        return () if None in premises else tuple(p for p in premises if p is not None)
-
-
-def columns(template: Template) -> tuple[int, ...]:
-    """Return the columns, in the arrays of a run, of the agents that an instance of a rule is about."""
-    return tuple(element.index for _, element in template.binding if element.sort == Sort.AGENT)
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,21 +22,22 @@ from math import ceil, log2
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.logic.conduct.presence import colourings
+from pytest_rvads.logic.conduct.priority import owes
 from pytest_rvads.logic.conduct.standing import STANDSTILL, in_stop_place, stands
-from pytest_rvads.logic.judging.crossings import certain, crossings
-from pytest_rvads.logic.judging.evaluate import Values
-from pytest_rvads.logic.judging.judge import judge, unsure
-from pytest_rvads.logic.judging.judgement import Binding, Hinge, Judgement, Template
-from pytest_rvads.logic.judging.orders import about_order, plain, reordered
-from pytest_rvads.logic.judging.responsibility import by_walkers, is_about
+from pytest_rvads.logic.conduct.static_model import colourings
+from pytest_rvads.logic.judging.attribution import by_walkers, is_about
+from pytest_rvads.logic.judging.instances import Binding, Template
+from pytest_rvads.logic.judging.judge import Values, judge, unsure
+from pytest_rvads.logic.judging.judgement import Hinge, Judgement
+from pytest_rvads.logic.judging.orders import about_order, certain, crossings, plain, reordered
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.rules.lexicon import word_of
-from pytest_rvads.logic.rules.parts import agents_of
-from pytest_rvads.logic.rules.vocabulary import Measured
+from pytest_rvads.logic.rules.rule import agents_of
+from pytest_rvads.logic.rules.vocabulary import Measured, RightOfWay
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.recording import zones
 from pytest_rvads.runs.run import Excerpt, Run, once
+from pytest_rvads.runs.states import Zone
 
 SURE = 3.0
 """Number of standard deviations by which the true value can differ from the measured value."""
@@ -148,7 +149,8 @@ def _left_early(run: Run, j: Judgement) -> bool:
     if j.status is not Status.PASS or j.ended is None:
         return False
     words = ((word_of(atom), [e.index for e in agents_of(atom)]) for atom in j.template.atoms)
-    return any(word.pending(run, *agents)[j.ended] for word, agents in words if word is not None and word.pending is not None)
+    taking = (agents for word, agents in words if word is not None and word.debt is RightOfWay.TAKEN)
+    return any(owes(run, *agents)[j.ended] and run.zone[j.ended, agents[0]] >= Zone.JUNCTION for agents in taking)
 
 
 def _asks(template: Template) -> frozenset[Measured]:

@@ -12,19 +12,28 @@ of linear temporal logic, FM 1999).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum, auto
 from functools import reduce
 from operator import and_, or_
+from typing import NamedTuple
 
 import networkx as nx
 
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.boolean import Budget, conj, disj, plain
 
-_Move = tuple[int, int, int]
-"""A move of the automaton: its letters, the obligations for the next state, and the U nodes that it puts off (three masks)."""
+
+class _Move(NamedTuple):
+    """A move of the automaton: three masks."""
+
+    letters: int
+    """The letters on which the automaton moves."""
+    target: int
+    """The obligations for the next state, or the number of the target state."""
+    off: int
+    """The U nodes that the move puts off."""
 
 
 class Kind(Enum):
@@ -206,13 +215,13 @@ class _Explorer:
     memo: dict[int, list[_Move]] = field(default_factory=dict)
 
     def states(self, root: int) -> list[list[_Move]]:
-        """Return the moves of every state reachable from a node; the second part of a move is the number of its target state."""
+        """Return the moves of every state reachable from a node; the targets are numbers of states."""
         start = self.obligations(root)
         index = {start: 0}
         order = [start]
         edges: list[list[_Move]] = []
         for state in order:  # the loop appends new states to `order`
-            moves: list[_Move] = [(self.full, 0, 0)]
+            moves = [_Move(self.full, 0, 0)]
             pending = state
             while pending:
                 low = pending & -pending
@@ -223,7 +232,7 @@ class _Explorer:
                 if target not in index:
                     index[target] = len(order)
                     order.append(target)
-                numbered.append((letters, index[target], off))
+                numbered.append(_Move(letters, index[target], off))
             self.budget.spend(20 + 4 * len(numbered))
             edges.append(numbered)
         return edges
@@ -232,22 +241,22 @@ class _Explorer:
         """Return the moves by which the formula of a node can be satisfied."""
         if n in self.memo:
             return self.memo[n]
-        node, now = self.nodes[n], (self.full, 0, 0)
+        node, now = self.nodes[n], _Move(self.full, 0, 0)
         match node.kind:
             case Kind.GUARD:
                 letters = self.where[node.parts[0]] if node.positive else self.full & ~self.where[node.parts[0]]
-                moves = [(letters, 0, 0)] if letters else []
+                moves = [_Move(letters, 0, 0)] if letters else []
             case Kind.AND:
                 moves = reduce(self.both, map(self.unfold, node.parts), [now])
             case Kind.OR:
                 moves = self.prune([move for part in node.parts for move in self.unfold(part)])
             case Kind.NEXT:
-                moves = [(self.full, self.obligations(node.parts[0]), 0)]
+                moves = [_Move(self.full, self.obligations(node.parts[0]), 0)]
             case Kind.UNTIL:
-                later = [(self.full, 1 << n, 1 << n)]
+                later = [_Move(self.full, 1 << n, 1 << n)]
                 moves = self.prune(self.unfold(node.parts[1]) + self.both(self.unfold(node.parts[0]), later))
             case Kind.RELEASE:
-                later = [(self.full, 1 << n, 0)]
+                later = [_Move(self.full, 1 << n, 0)]
                 moves = self.both(self.unfold(node.parts[1]), self.prune(self.unfold(node.parts[0]) + later))
             case _:
                 moves = [now] if node.kind is Kind.TRUE else []
@@ -264,9 +273,9 @@ class _Explorer:
     def both(self, moves: list[_Move], others: list[_Move]) -> list[_Move]:
         """Return the combinations of a move of each list: their common letters, all their obligations and put-off nodes."""
         self.budget.spend(1 + len(moves) * len(others) // 4)
-        return self.prune([(a & d, b | e, c | g) for a, b, c in moves for d, e, g in others if a & d])
+        return self.prune((a & d, b | e, c | g) for a, b, c in moves for d, e, g in others if a & d)
 
-    def prune(self, moves: list[_Move]) -> list[_Move]:
+    def prune(self, moves: Iterable[tuple[int, int, int]]) -> list[_Move]:
         """Return the moves without those letters on which another move leaves fewer obligations and puts off fewer U nodes."""
         merged: dict[tuple[int, int], int] = {}
         for letters, target, off in moves:
@@ -280,7 +289,7 @@ class _Explorer:
                     if not letters:
                         break
             if letters:
-                minimal.append((letters, target, off))
+                minimal.append(_Move(letters, target, off))
         return minimal
 
 

@@ -1,4 +1,4 @@
-"""Rewrites formulas, evaluates boolean formulas, and finds the letters of a monitor.
+"""Rewrites formulas, and finds the letters of a monitor.
 
 A monitor reads a letter per state. A letter is a combination of truth values of all guards, and not of all propositions. Guards
 are the largest subformulas without temporal operators: ``!(a | b | c) U d`` has two guards and therefore four letters, while its
@@ -9,14 +9,9 @@ The work for a formula is limited in steps and not in seconds. Therefore the sam
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from functools import reduce
 from itertools import product
-from operator import and_, or_
-
-import numpy as np
-from numpy.typing import NDArray
 
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.support.errors import FormulaError
@@ -208,33 +203,3 @@ def _cells(
         cells = frozenset().union(*(_cells(remainder, memo, budget, deep + 1) for remainder in remainders))
     memo[guards] = cells
     return cells
-
-
-def evaluate(formula: f.Formula, values: Mapping[f.Atom, NDArray[np.bool_]], shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    """Return the truth values of a boolean formula, an array of shape `shape`, from the truth values of the formula's atoms."""
-    if isinstance(formula, f.Atom):
-        return values[formula]
-    if isinstance(formula, f.Const):
-        return np.full(shape, formula.value)
-    return connect(formula, [evaluate(part, values, shape) for part in f.children(formula)])
-
-
-def connect(formula: f.Formula, parts: Sequence[NDArray[np.bool_]]) -> NDArray[np.bool_]:
-    """Return the truth values of a boolean formula, given the truth values of its direct subformulas."""
-    match formula:
-        case f.Not():
-            return ~parts[0]
-        case f.And():
-            return reduce(and_, parts)
-        case f.Or():
-            return reduce(or_, parts)
-        case f.Implies():
-            return ~parts[0] | parts[1]
-        case f.Iff():
-            return ~(parts[0] ^ parts[1])
-    raise TypeError(f"not a boolean formula: {formula}")
-
-
-def holds(formula: f.Formula, true: frozenset[f.Atom]) -> bool:
-    """Return the truth value of a boolean formula in a state in which the atoms in `true` are true and all others false."""
-    return bool(evaluate(formula, {atom: np.array(atom in true) for atom in f.atoms(formula)}, ()))

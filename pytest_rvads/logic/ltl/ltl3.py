@@ -1,4 +1,6 @@
-"""Builds and runs LTL3 monitors (Bauer, Leucker, Schallhart: Runtime verification for LTL and TLTL, TOSEM 2011).
+"""Evaluates formulas on runs, by LTL3 monitors and, at the end of a run, by the semantics of finite traces.
+
+LTL3 monitors are those of Bauer, Leucker, Schallhart: Runtime verification for LTL and TLTL, TOSEM 2011.
 
 The verdict after a prefix is TRUE if every continuation satisfies the formula, FALSE if no continuation satisfies the formula,
 and UNKNOWN in all other cases. A monitor does not wait for the end: the verdict of ``p U q`` is FALSE as soon as neither p nor q
@@ -7,22 +9,28 @@ that satisfies the formula; the second automaton does the same for the negation 
 together and minimised to a single Moore machine.
 
 A monitor reads state by state (`Monitor`), or many words of the same length at once (`run_machine`).
+
+`settle` gives the truth value of a formula at every state of a finished run. The operators U, F and N are strong: the awaited
+state must come before the run ends, and the next state must exist. The operators G, W and R are weak: they are true if they are
+not violated before the run ends. The negation of a formula is true if the formula is false (De Giacomo, Vardi: Linear temporal
+logic and linear dynamic logic on finite traces, IJCAI 2013).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
-from functools import lru_cache
+from functools import lru_cache, reduce
 from itertools import accumulate
+from operator import and_, or_
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.automaton import Nfa, Pool, prefixes
-from pytest_rvads.logic.ltl.boolean import Budget, evaluate, holds, letters
+from pytest_rvads.logic.ltl.boolean import Budget, letters
 
 WORK_LIMIT = 700_000
 """Largest number of elementary steps in the construction of a monitor; so many steps take a fraction of a second."""
@@ -259,3 +267,74 @@ def run_machine(machine: Machine, letters: NDArray[np.int32]) -> NDArray[np.int3
                 break
             state = after
     return states
+
+
+def evaluate(formula: f.Formula, values: Mapping[f.Atom, NDArray[np.bool_]], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Return the truth values of a boolean formula, an array of shape `shape`, from the truth values of the formula's atoms."""
+    if isinstance(formula, f.Atom):
+        return values[formula]
+    if isinstance(formula, f.Const):
+        return np.full(shape, formula.value)
+    return connect(formula, [evaluate(part, values, shape) for part in f.children(formula)])
+
+
+def connect(formula: f.Formula, parts: Sequence[NDArray[np.bool_]]) -> NDArray[np.bool_]:
+    """Return the truth values of a boolean formula, given the truth values of its direct subformulas."""
+    match formula:
+        case f.Not():
+            return ~parts[0]
+        case f.And():
+            return reduce(and_, parts)
+        case f.Or():
+            return reduce(or_, parts)
+        case f.Implies():
+            return ~parts[0] | parts[1]
+        case f.Iff():
+            return ~(parts[0] ^ parts[1])
+    raise TypeError(f"not a boolean formula: {formula}")
+
+
+def holds(formula: f.Formula, true: frozenset[f.Atom]) -> bool:
+    """Return the truth value of a boolean formula in a state in which the atoms in `true` are true and all others false."""
+    return bool(evaluate(formula, {atom: np.array(atom in true) for atom in f.atoms(formula)}, ()))
+
+
+def settle(formula: f.Formula, values: Mapping[f.Atom, NDArray[np.bool_]], steps: int) -> NDArray[np.bool_]:
+    """Return the truth value of a formula at every state of a finite trace, from those of its atoms, shape ``(steps,)``."""
+    if isinstance(formula, f.Atom | f.Const):
+        return evaluate(formula, values, (steps,))
+    parts = [settle(child, values, steps) for child in f.children(formula)]
+    match formula:
+        case f.Next():
+            return np.append(parts[0][1:], False)
+        case f.Eventually():
+            return np.logical_or.accumulate(parts[0][::-1])[::-1]
+        case f.Always():
+            return np.logical_and.accumulate(parts[0][::-1])[::-1]
+        case f.Until():
+            return _until(*parts)
+        case f.WeakUntil():
+            return _until(*parts) | np.logical_and.accumulate(parts[0][::-1])[::-1]
+        case f.Release():
+            return ~_until(~parts[0], ~parts[1])
+        case f.Forall() | f.Exists():
+            raise TypeError(f"quantifiers must be unfolded before a formula is evaluated: {formula}")
+    return connect(formula, parts)
+
+
+def _until(left: NDArray[np.bool_], right: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return in which states ``left U right`` is true: `right` comes to hold no later than `left` ceases to hold."""
+    tick = np.arange(len(left))
+    # For every state, the first state from this state on in which `right` holds, and in which `left` does not hold.
+    holds, ceases = (np.minimum.accumulate(np.where(values, tick, len(left))[::-1])[::-1] for values in (right, ~left))
+    return (holds <= ceases) & (holds < len(left))
+
+
+def settle_empty(formula: f.Formula) -> bool:
+    """Return the truth value of a formula on the empty trace: atoms and strong operators are false, weak operators true."""
+    match formula:
+        case f.Const(value):
+            return value
+        case f.Not() | f.And() | f.Or() | f.Implies() | f.Iff():
+            return bool(connect(formula, [np.array(settle_empty(part)) for part in f.children(formula)]))
+    return isinstance(formula, f.Always | f.WeakUntil | f.Release)

@@ -14,25 +14,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.geometry.crosswalks import Crossing
-from pytest_rvads.logic.conduct import predicates
-from pytest_rvads.logic.conduct.blame import blame, cause_of, disregard, disregard_at_kerb
+from pytest_rvads.logic.conduct.blame import Cause, blame, cause_of, disregard, disregard_at_kerb
 from pytest_rvads.logic.conduct.blocks import Signal
 from pytest_rvads.logic.conduct.bodies import collide, contacts
-from pytest_rvads.logic.conduct.cast import Cause, Ground
-from pytest_rvads.logic.conduct.lane import beyond_steering, lane_allows, off_lane, off_route
-from pytest_rvads.logic.conduct.on_foot import stepped_on_walk, takes_crosswalk
-from pytest_rvads.logic.conduct.predicates import Static
+from pytest_rvads.logic.conduct.lane import lane_allows, off_lane, off_route, wrong_lanes
 from pytest_rvads.logic.conduct.priority import obstructs, owes
-from pytest_rvads.logic.conduct.progress import blocks, idles, may_go, on_crosswalk, stands_on_crosswalk
-from pytest_rvads.logic.conduct.rights import gives_up, owes_crossing
-from pytest_rvads.logic.conduct.standing import arrived, inside, speeding, standing_time, stopped, waited, wt
-from pytest_rvads.logic.conduct.stretches import meet
-from pytest_rvads.logic.conduct.waiting import waits_to_cross
+from pytest_rvads.logic.conduct.rights import Ground, gives_up, lit, owes_crossing
+from pytest_rvads.logic.conduct.standing import (
+    arrived,
+    at_entrance,
+    colour,
+    in_junction,
+    inside,
+    on_approach,
+    on_exit,
+    speed,
+    speeding,
+    standing_time,
+    stopped,
+    waited,
+    wt,
+)
+from pytest_rvads.logic.conduct.static_model import Static
+from pytest_rvads.logic.conduct.stretches import meet, stepped_on_walk, takes_crosswalk
+from pytest_rvads.logic.conduct.waiting import blocks, idles, may_go, on_crosswalk, stands_on_crosswalk, waits_to_cross
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.current import PACKAGE
-from pytest_rvads.logic.rules.vocabulary import Attribute, FromZones, Measured, Sort, Vocabulary, Word
+from pytest_rvads.logic.rules.vocabulary import Attribute, FromZones, Measured, RightOfWay, Sort, TightBend, Vocabulary, Word
 from pytest_rvads.runs.run import Run, once
-from pytest_rvads.runs.states import Colour, Zone
+from pytest_rvads.runs.states import Colour
 from pytest_rvads.support.errors import RunError
 
 HERE = f.Element(Sort.JUNCTION, 0, "j")
@@ -43,12 +53,12 @@ def at(place: f.Element, entrances: int) -> Signal[NDArray[np.bool_]]:
     """Return the signal that is true in the states in which a vehicle is at a place of its way through the junction."""
     match place.sort:
         case Sort.JUNCTION:
-            return predicates.in_junction
+            return in_junction
         case Sort.ENTRANCE:
-            return predicates.at_entrance
+            return at_entrance
         case Sort.ROAD if place.index < entrances:
-            return predicates.on_approach
-    return predicates.on_exit
+            return on_approach
+    return on_exit
 
 
 def _may_be_at(static: Static, thing: f.Element, place: f.Element) -> bool | None:
@@ -66,22 +76,45 @@ def _may_be_at(static: Static, thing: f.Element, place: f.Element) -> bool | Non
 
 
 def _take(agent: f.Term, entrance: f.Term, direction: f.Term, itinerary: bool) -> f.Formula:
-    at_entrance, turns = f.Atom("@", (agent, entrance)), f.Atom("turn", (agent, direction))
+    stays, turns = f.Atom("@", (agent, entrance)), f.Atom("turn", (agent, direction))
     if itinerary:
-        return f.And((at_entrance, turns))
+        return f.And((stays, turns))
     # As in the paper, an agent without a known itinerary stays at the entrance until it is in the junction.
-    return f.And((at_entrance, turns, f.Until(at_entrance, f.Atom("@", (agent, HERE)))))
+    return f.And((stays, turns, f.Until(stays, f.Atom("@", (agent, HERE)))))
 
 
 def _may_owe(static: Static, agent: f.Element, other: f.Element) -> bool | None:
-    return None if static.owing is None or (agent.index, other.index) in static.owing else False
+    return None if agent != other and (static.owing is None or (agent.index, other.index) in static.owing) else False
+
+
+def _has_ground(ground: Ground, static: Static, agent: f.Element, other: f.Element) -> bool | None:
+    if agent == other:
+        return False
+    return None if static.grounds is None else (agent.index, other.index, ground) in static.grounds
 
 
 def _over_crossing(static: Static, agent: f.Element, other: f.Element) -> bool | None:
     """Return False for two agents that are not a vehicle and a pedestrian whose crossing the vehicle drives over."""
     vehicle, walker = static.agents[agent.index], static.agents[other.index]
-    crossed = static.conflicts is None or (vehicle.way.key, walker.way.key) in static.conflicts
-    return None if crossed and isinstance(walker.way, Crossing) else False
+    conflicts = static.junction.conflicts
+    crossed = conflicts is None or (vehicle.way.key, walker.way.key) in conflicts
+    return None if agent != other and crossed and isinstance(walker.way, Crossing) else False
+
+
+def _conflict(static: Static, agent: f.Element, other: f.Element) -> bool | None:
+    conflicts = static.junction.conflicts
+    ways = static.agents[agent.index].way.key, static.agents[other.index].way.key
+    return None if conflicts is None else ways in conflicts
+
+
+def _turns_on_red(static: Static, agent: f.Element) -> bool:
+    who = static.agents[agent.index]
+    return static.junction.turns_on_red(who.entrance, who.turn)
+
+
+def _at_walk_light(static: Static, agent: f.Element) -> bool:
+    who = static.agents[agent.index]
+    return isinstance(who.way, Crossing) and lit(static.junction, who.entrance)
 
 
 def _no_geometry(_run: Run, *_agents: int) -> NDArray[np.bool_]:
@@ -91,8 +124,8 @@ def _no_geometry(_run: Run, *_agents: int) -> NDArray[np.bool_]:
 def _from_right(static: Static, element: f.Element, other: f.Element) -> bool:
     """Return whether an entrance, or the entrance of a vehicle, is to the right of another entrance, or of that of a vehicle."""
     if element.sort == other.sort == Sort.AGENT:
-        return (static.agents[element.index].entrance, static.agents[other.index].entrance) in static.right_of
-    return element.sort == other.sort == Sort.ENTRANCE and (element.index, other.index) in static.right_of
+        return (static.agents[element.index].entrance, static.agents[other.index].entrance) in static.junction.right_of
+    return element.sort == other.sort == Sort.ENTRANCE and (element.index, other.index) in static.junction.right_of
 
 
 def _cause(run: Run, agent: int, other: int, _tick: int) -> Cause | None:
@@ -118,16 +151,14 @@ BUILT_IN = Vocabulary.of(
     ),
     _word("turn", ("agent", "direction"), decide=lambda s, agent, to: s.turns(agent.index, to.name), static="agent"),
     _word("take", ("agent", "entrance", "direction"), means=_take),
-    _word("turns_on_red", _ONE, decide=lambda s, agent: agent.index in s.turning_on_red, static="agent"),
+    _word("turns_on_red", _ONE, decide=_turns_on_red, static="agent"),
     _word(
         "conflict",
         _TWO,
         _no_geometry,
         "{0} and {1} are on conflicting movements",
         "{0} and {1} are not on conflicting movements",
-        decide=lambda s, one, two: (
-            None if s.conflicts is None else (s.agents[one.index].way.key, s.agents[two.index].way.key) in s.conflicts
-        ),
+        decide=_conflict,
         static="agent",
         any_way=True,
     ),
@@ -137,7 +168,6 @@ BUILT_IN = Vocabulary.of(
         meet,
         "{0} and {1} meet where their ways cross or join",
         "{0} and {1} do not meet",
-        apart=True,
         symmetric=True,
         turns_on=(Measured.ALONG,),
         present=True,
@@ -150,12 +180,11 @@ BUILT_IN = Vocabulary.of(
         collide,
         "{0} and {1} collide",
         "{0} and {1} do not collide",
-        apart=True,
         symmetric=True,
         turns_on=(Measured.SIZES, Measured.ALONG),
         present=True,
         cause=_cause,
-        bends=True,
+        bend=TightBend.CAN_CAUSE,
         any_way=True,
     ),
     _word(
@@ -165,9 +194,8 @@ BUILT_IN = Vocabulary.of(
         "{0} has to let {1} pass",
         "{0} need not let {1} pass",
         decide=_may_owe,
-        apart=True,
         turns_on=_MOVES,
-        debt=True,
+        debt=RightOfWay.OWED,
     ),
     _word(
         "obstructs",
@@ -176,10 +204,8 @@ BUILT_IN = Vocabulary.of(
         "{0} gets in the way of {1}",
         "{0} does not get in the way of {1}",
         decide=_may_owe,
-        apart=True,
         turns_on=_MOVES,
-        debt=True,
-        pending=lambda run, agent, other: owes(run, agent, other) & (run.zone[:, agent] >= Zone.JUNCTION),
+        debt=RightOfWay.TAKEN,
     ),
     *(
         _word(
@@ -188,9 +214,8 @@ BUILT_IN = Vocabulary.of(
             _no_geometry,
             says,
             denies,
-            decide=lambda s, one, two, ground=ground: None if s.grounds is None else (one.index, two.index, ground) in s.grounds,
+            decide=partial(_has_ground, ground),
             static="agent",
-            apart=True,
         )
         for ground, says, denies in (
             (Ground.SIGN, "{0} has a stop or yield sign against {1}", "{0} has no sign against {1}"),
@@ -248,8 +273,7 @@ BUILT_IN = Vocabulary.of(
         "{0} is outside its lane",
         "{0} is in its lane",
         turns_on=(Measured.SIZES, Measured.SIDES),
-        beyond=beyond_steering,
-        bends=True,
+        bend=TightBend.EXCUSES,
     ),
     _word(
         "lane_allows",
@@ -257,11 +281,11 @@ BUILT_IN = Vocabulary.of(
         lane_allows,
         "{0} is in a lane that leads where it goes",
         "{0} is in a lane that does not lead where it goes",
-        decide=lambda s, agent: None if agent.index in s.choosing else True,
+        decide=lambda s, agent: None if wrong_lanes(s.junction, *s.agents[agent.index].way.key) else True,
         turns_on=(Measured.SIDES,),
     ),
     *(
-        _word(name, _TWO, holds, says, denies, decide=_over_crossing, apart=True, turns_on=_MOVES, cause=cause, any_way=True)
+        _word(name, _TWO, holds, says, denies, decide=_over_crossing, turns_on=_MOVES, cause=cause, any_way=True)
         for name, holds, says, denies, cause in (
             ("owes_crossing", owes_crossing, "{0} has to let {1} cross", "{0} need not let {1} cross", disregard),
             (
@@ -284,7 +308,7 @@ BUILT_IN = Vocabulary.of(
     _word(
         "walk_light",
         _ONE,
-        decide=lambda s, agent: agent.index in s.walk_lights,
+        decide=_at_walk_light,
         static="agent",
         any_way=True,
     ),
@@ -306,36 +330,42 @@ BUILT_IN = Vocabulary.of(
         "{0} does not stand on a crosswalk",
         turns_on=_MOVES,
     ),
-    _word("off_route", _ONE, off_route, "{0} is off its route", "{0} is on its route", turns_on=(Measured.SIDES,), bends=True),
+    _word(
+        "off_route",
+        _ONE,
+        off_route,
+        "{0} is off its route",
+        "{0} is on its route",
+        turns_on=(Measured.SIDES,),
+        bend=TightBend.CAN_CAUSE,
+    ),
     _word("speeding", _ONE, speeding, "{0} is over the speed limit", "{0} is within the speed limit", turns_on=_MOVES),
     _word("right-of", ("agent or entrance or vertex",) * 2, decide=_from_right, static="agent or entrance or vertex"),
     _word(
         "opposite",
         _ENTRANCES,
-        decide=lambda s, one, two: one.sort == two.sort == Sort.ENTRANCE and (one.index, two.index) in s.opposite,
+        decide=lambda s, one, two: one.sort == two.sort == Sort.ENTRANCE and (one.index, two.index) in s.junction.opposite,
         static=_ENTRANCES[0],
     ),
     _word(
         "beside",
         ("entrance", "entrance"),
-        decide=lambda s, one, two: (one.index, two.index) in s.beside,
+        decide=lambda s, one, two: one != two and s.junction.starts[one.index].arm == s.junction.starts[two.index].arm,
         static="entrance",
-        apart=True,
-        symmetric=True,
     ),
     _word(
         "takes_turns",
         _TWO,
-        decide=lambda s, one, two: s.by_arrival is None or (one.index, two.index) in s.by_arrival,
+        decide=lambda s, one, two: one != two and (s.by_arrival is None or (one.index, two.index) in s.by_arrival),
         static="agent",
-        apart=True,
-        symmetric=True,
     ),
     _word("stop_sign", ("entrance",), decide=lambda s, entrance: entrance.index in s.signs, static="entrance"),
     _word(
         "entex",
         ("entrance or vertex", "exit or vertex"),
-        decide=lambda s, one, two: (one.sort, two.sort) == (Sort.ENTRANCE, Sort.EXIT) and (one.index, two.index) in s.entex,
+        decide=lambda s, one, two: (
+            (one.sort, two.sort) == (Sort.ENTRANCE, Sort.EXIT) and (one.index, two.index) in s.junction.entex
+        ),
         static=_ENTRANCES[0],
     ),
 )
@@ -370,12 +400,12 @@ ATTRIBUTES = {
                 ("<", _AFTER, "{0} did not arrive after {1}"),
             ),
         ),
-        Attribute("sp", Sort.AGENT, "number", predicates.speed),
+        Attribute("sp", Sort.AGENT, "number", speed),
         Attribute(
             "cl",
             Sort.LIGHT,
             "colour",
-            predicates.colour,
+            colour,
             lambda name: Colour[name.upper()],
             says=(("= value", "{0} {be} {1}", "{0} {be} not {1}"), ("!= value", "{0} {be} not {1}", "{0} {be} {1}")),
         ),

@@ -1,25 +1,28 @@
 """The language of rules: the sorts of variables with the paper's letters, the names of values, and vocabularies.
 
-A vocabulary maps names to words. A word is the definition of a predicate.
+A vocabulary maps names to words. A word is the definition of a predicate. Two words are equal if `same` finds their functions the
+same. Therefore a module that is loaded twice may register a predicate twice. Atoms compare words by identity, because atoms are
+keys of caches.
 """
 
 from __future__ import annotations
 
+import dis
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum, StrEnum
 from operator import attrgetter
+from types import CellType, CodeType, FunctionType, MethodType
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.logic.conduct.blame import Cause
 from pytest_rvads.logic.conduct.blocks import Signal
-from pytest_rvads.logic.conduct.cast import Cause
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.ltl.grammar import Language
+from pytest_rvads.logic.ltl.parser import Language
 from pytest_rvads.logic.rules.current import PACKAGE, here
-from pytest_rvads.logic.rules.sameness import same
 from pytest_rvads.runs.run import Run
 from pytest_rvads.support.errors import FormulaError, suggest
 
@@ -88,6 +91,20 @@ MEASURED = (Measured.SIZES, Measured.SIDES, Measured.PACE, Measured.ALONG)
 """The kinds of measurement on which a user's predicate depends, if the user does not state the kinds."""
 
 
+class RightOfWay(Enum):
+    """What a predicate says about the right of way of its second argument over its first argument."""
+
+    OWED = "the first has to give way to the second"
+    TAKEN = "the first gets in the way of the second; as long as it owes the way in the junction, it still can"
+
+
+class TightBend(Enum):
+    """What a bend in which no path keeps a vehicle in its lane does to a predicate about the vehicle."""
+
+    CAN_CAUSE = "it can make the predicate true"
+    EXCUSES = "it can make the predicate true, and then no driver could have kept the predicate false"
+
+
 class FromZones(Enum):
     """In which runs the truth of a predicate, or the value of an attribute, follows from the zones of vehicles alone."""
 
@@ -130,29 +147,21 @@ class Word:
     means: Callable[..., f.Formula] | None = None
     """A function that returns the formula by which the predicate is defined, given the arguments and whether itineraries are
     known."""
-    apart: bool = False
-    """Whether the predicate is false for two equal arguments."""
     symmetric: bool = False
-    """Whether the predicate has the same value for both orders of its two arguments."""
+    """Whether the predicate has the same value for both orders of its two arguments, and is false for two equal arguments."""
     turns_on: tuple[Measured, ...] = MEASURED
     """The kinds of measurement on which the truth depends."""
     from_zones: FromZones = FromZones.NEVER
     """In which runs the truth follows from the zones of vehicles alone."""
     present: bool = False
     """Whether the predicate is false for absent vehicles."""
-    debt: bool = False
-    """Whether the predicate says that the first argument has to give way to the second argument, or gets in its way."""
+    debt: RightOfWay | None = None
+    """What the predicate says about the right of way between its two arguments; None if it says nothing about it."""
     cause: Callable[[Run, int, int, int], Cause | None] | None = None
     """A function that takes a run, the columns of two vehicles and a tick, and returns the vehicle to blame if the predicate
     about the two vehicles breaks a rule at the tick."""
-    pending: Callable[..., NDArray[np.bool_]] | None = None
-    """A function that takes the arguments of `holds`, and returns after which states the predicate could still become true. If
-    the recording of a vehicle ends in such a state, the instance is unsure."""
-    beyond: Callable[[Run, int], bool] | None = None
-    """A function that takes a run and the column of a vehicle, and returns whether no driver could have kept the predicate
-    false."""
-    bends: bool = False
-    """Whether a bend in which no path keeps a vehicle in its lane can make the predicate true."""
+    bend: TightBend | None = None
+    """What a bend in which no path keeps a vehicle in its lane does to the predicate; None if nothing."""
     any_way: bool = False
     """Whether the predicate allows agents on any way, such as a crossing; other predicates allow agents on movements only."""
     place: str = ""
@@ -211,9 +220,9 @@ class Word:
         return tuple(t if " " in sorts else t.index for t, sorts in pairs if isinstance(t, f.Element))
 
 
-_WORDING = attrgetter("name", "sorts", "says", "denies", "static", "apart", "symmetric")
-_TRAITS = attrgetter("turns_on", "from_zones", "present", "debt", "bends", "any_way")
-_FUNCTIONS = attrgetter("holds", "follow", "decide", "means", "cause", "pending", "beyond")
+_WORDING = attrgetter("name", "sorts", "says", "denies", "static", "symmetric")
+_TRAITS = attrgetter("turns_on", "from_zones", "present", "debt", "bend", "any_way")
+_FUNCTIONS = attrgetter("holds", "follow", "decide", "means", "cause")
 
 
 @dataclass(frozen=True, slots=True)
@@ -298,3 +307,73 @@ class Vocabulary(Names[Word]):
 def sorts_in(sorts: str) -> list[str]:
     """Return the list of sorts in a text such as ``"entrance or vertex"``."""
     return sorts.split(" or ")
+
+
+_PLAIN = (bool, int, float, complex, str, bytes)
+_UNBOUND = object()
+_UNSEEN = {"globals", "eval", "exec", "locals", "vars", "__import__"}
+"""Builtins by which a function reaches values that its code does not name."""
+_IMPORT = dis.opmap["IMPORT_NAME"]
+
+
+def same(value: object, other: object) -> bool:
+    """Return whether two functions, or two values that functions work with, are the same.
+
+    Two functions are the same if their code (apart from line numbers), their defaults, attributes, closures and globals are the
+    same. Two functions with import statements must belong to the same package as well. Two different objects are not the same,
+    apart from numbers, strings, tuples and methods, because their contents can change later.
+    """
+    try:
+        return _same(value, other, set())
+    except RecursionError:  # the functions call functions that call functions, too deeply to compare
+        return False
+
+
+def _same(value: object, other: object, assumed: set[tuple[int, int]]) -> bool:
+    if value is other:
+        return True
+    match value, other:
+        case FunctionType(), FunctionType():
+            if (id(value), id(other)) in assumed:  # their comparison has begun: functions can be recursive
+                return True
+            assumed.add((id(value), id(other)))
+            return _bare(value.__code__) == _bare(other.__code__) and _same(_works_with(value), _works_with(other), assumed)
+        case MethodType(), MethodType():
+            return value.__self__ is other.__self__ and _same(value.__func__, other.__func__, assumed)
+        case tuple(), tuple() if type(value) is type(other) is tuple:
+            return len(value) == len(other) and all(_same(a, b, assumed) for a, b in zip(value, other, strict=True))
+    return type(value) is type(other) and type(value) in _PLAIN and value == other
+
+
+def _works_with(function: FunctionType) -> tuple[object, ...]:
+    """Return the values that a function uses besides its arguments, in an order that its code determines."""
+    named = (function.__kwdefaults__ or {}, vars(function))
+    cells = tuple(content(cell) for cell in function.__closure__ or ())
+    inner = tuple(codes(function.__code__))
+    used = dict.fromkeys(name for code in inner for name in code.co_names)
+    values = tuple(function.__globals__.get(name, _UNBOUND) for name in used)
+    unseen = None if _UNSEEN.isdisjoint(used) else object()  # an object that equals no other object
+    package = function.__globals__.get("__package__") if any(_IMPORT in code.co_code[::2] for code in inner) else None
+    return function.__defaults__, tuple(tuple(sorted(values.items())) for values in named), cells, values, unseen, package
+
+
+def content(cell: CellType) -> object:
+    """Return the value in a cell of a function's closure; for an empty cell, the cell itself."""
+    try:
+        return cell.cell_contents
+    except ValueError:  # the cell is empty
+        return cell
+
+
+def codes(code: CodeType) -> Iterator[CodeType]:
+    """Yield a code object and the code objects of its inner functions."""
+    yield code
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from codes(constant)
+
+
+def _bare(code: CodeType) -> CodeType:
+    """Return a code object without its file and line numbers."""
+    constants = tuple(_bare(constant) if isinstance(constant, CodeType) else constant for constant in code.co_consts)
+    return code.replace(co_filename="", co_firstlineno=1, co_linetable=b"", co_consts=constants)

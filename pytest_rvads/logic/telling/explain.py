@@ -6,9 +6,10 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from pytest_rvads.logic.conduct.lane import too_tight
-from pytest_rvads.logic.conduct.presence import last_seen
-from pytest_rvads.logic.judging.judgement import Judgement, columns
-from pytest_rvads.logic.judging.responsibility import Cycle, cause_between, responsible
+from pytest_rvads.logic.conduct.static_model import last_seen
+from pytest_rvads.logic.judging.attribution import Cycle, cause_between, responsible
+from pytest_rvads.logic.judging.instances import columns
+from pytest_rvads.logic.judging.judgement import Judgement
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, NearMiss, Status, Verdict
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.lexicon import word_of
@@ -97,7 +98,7 @@ def tell(story: Story) -> Verdict:
 def _bends(worst: Judgement | None, run: Run) -> Iterator[str]:
     """Yield a sentence per vehicle to blame that left its lane or hit another vehicle in a bend too tight for the vehicle."""
     words = [word_of(atom) for atom, _ in worst.broken] if worst is not None else []
-    if worst is None or not any(word is not None and word.bends for word in words):
+    if worst is None or not any(word is not None and word.bend for word in words):
         return
     for name, bend in ((e.name, too_tight(run, e.index)) for e in responsible(worst, run)):
         if bend is not None:

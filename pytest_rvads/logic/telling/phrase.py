@@ -10,7 +10,7 @@ from pytest_rvads.geometry.crosswalks import Crossing
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.turns import UTURN, turn_word
 from pytest_rvads.geometry.ways import Way
-from pytest_rvads.logic.conduct.cast import Ground, ground_of
+from pytest_rvads.logic.conduct.rights import Ground, ground_of
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, word_of
 from pytest_rvads.logic.rules.vocabulary import Sort

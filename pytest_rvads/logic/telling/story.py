@@ -14,15 +14,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pytest_rvads.logic.conduct.standing import wt
-from pytest_rvads.logic.judging.evaluate import Values
-from pytest_rvads.logic.judging.judge import asked
-from pytest_rvads.logic.judging.judgement import Judgement, Near, Template
-from pytest_rvads.logic.judging.responsibility import Cycle, by_walkers, is_about, responsible
+from pytest_rvads.logic.judging.attribution import Cycle, by_walkers, is_about, responsible
+from pytest_rvads.logic.judging.instances import Template
+from pytest_rvads.logic.judging.judge import Values, asked
+from pytest_rvads.logic.judging.judgement import Judgement, Near
 from pytest_rvads.logic.judging.verdicts import NearMiss, Status
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.ltl.boolean import evaluate
-from pytest_rvads.logic.rules.parts import Kind, agents_of
-from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.logic.ltl.ltl3 import evaluate
+from pytest_rvads.logic.rules.rule import Kind, Rule, agents_of
 from pytest_rvads.logic.rules.vocabulary import Sort
 from pytest_rvads.logic.telling.phrase import (
     Naming,

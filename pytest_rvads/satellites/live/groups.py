@@ -19,18 +19,14 @@ from numpy.typing import NDArray
 
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.ways import Key
-from pytest_rvads.logic.conduct.blocks import Block, Signal
-from pytest_rvads.logic.conduct.cast import Cast
-from pytest_rvads.logic.conduct.predicates import Static, extract
-from pytest_rvads.logic.judging.evaluate import Values, signal_of
-from pytest_rvads.logic.judging.ground import unfold
-from pytest_rvads.logic.judging.judgement import Template
-from pytest_rvads.logic.judging.prepare import prepare
+from pytest_rvads.logic.conduct.blocks import Block, Cast, Signal
+from pytest_rvads.logic.conduct.static_model import Static, extract
+from pytest_rvads.logic.judging.instances import Template, prepare, unfold
+from pytest_rvads.logic.judging.judge import Values, signal_of
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.ltl3 import Machine, Truth, encode
 from pytest_rvads.logic.rules.lexicon import word_of
-from pytest_rvads.logic.rules.parts import agents_of, split
-from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.logic.rules.rule import Rule, agents_of, split
 from pytest_rvads.logic.rules.vocabulary import Follower, Sort
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import ABSENT, Agent

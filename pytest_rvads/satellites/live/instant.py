@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.logic.conduct.blocks import Block, Signal, assume
-from pytest_rvads.logic.conduct.cast import Cast
+from pytest_rvads.logic.conduct.blocks import Block, Cast, Signal, assume
 from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.runs.run import Collision, Facts, Run
 from pytest_rvads.runs.states import Agent

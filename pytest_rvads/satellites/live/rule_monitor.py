@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.conduct.blocks import Signal
-from pytest_rvads.logic.conduct.predicates import extract
+from pytest_rvads.logic.conduct.static_model import extract
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.logic.rules.book import RuleBook, rules_for

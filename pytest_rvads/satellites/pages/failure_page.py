@@ -14,11 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pytest_rvads.logic.conduct.predicates import extract
-from pytest_rvads.logic.conduct.presence import without_jumps
-from pytest_rvads.logic.judging.evaluate import Values
-from pytest_rvads.logic.judging.judge import walk
-from pytest_rvads.logic.judging.prepare import prepare
+from pytest_rvads.logic.conduct.static_model import extract, without_jumps
+from pytest_rvads.logic.judging.instances import prepare
+from pytest_rvads.logic.judging.judge import Values, walk
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
 from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.logic.rules.book import get_rule, rules_for

@@ -20,8 +20,7 @@ from pytest_rvads.logic.conduct.bodies import contacts
 from pytest_rvads.logic.outcome import MARKS, Outcome
 from pytest_rvads.report.draw.scene import STYLE, Scene, body, inks, label, placed, size
 from pytest_rvads.report.draw.svg import Points
-from pytest_rvads.runs.divergence import diverge
-from pytest_rvads.runs.run import Collision, Run
+from pytest_rvads.runs.run import Collision, Run, diverge
 from pytest_rvads.runs.states import Colour, Zone
 from pytest_rvads.satellites.pages.webpage import webpage
 from pytest_rvads.support.errors import RunError

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pytest_rvads.logic.check import check
-from pytest_rvads.logic.conduct.presence import crossed
+from pytest_rvads.logic.conduct.static_model import crossed
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.logic.rules.rule import Rule

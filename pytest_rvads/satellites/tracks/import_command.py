@@ -72,7 +72,7 @@ def declare(commands: Subparsers) -> None:
 
 
 def _import(options: argparse.Namespace) -> int:
-    from pytest_rvads.runs.recordingfile import save_recording
+    from pytest_rvads.runs.runfile import save_recording
     from pytest_rvads.satellites.tracks.importing import (
         check_single_junction,
         junctions_of,

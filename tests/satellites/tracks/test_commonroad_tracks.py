@@ -11,7 +11,7 @@ import pytest
 
 from pytest_rvads.cli import main
 from pytest_rvads.geometry.finder import find
-from pytest_rvads.runs.recordingfile import load_recording
+from pytest_rvads.runs.runfile import load_recording
 from pytest_rvads.runs.states import Kind
 from pytest_rvads.satellites.tracks.importing import read_tracks
 from pytest_rvads.satellites.tracks.logformats import read_log

@@ -19,7 +19,7 @@ from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.recording import Recording, Track
-from pytest_rvads.runs.recordingfile import load_recording, save_recording
+from pytest_rvads.runs.runfile import load_recording, save_recording
 from pytest_rvads.runs.states import Agent, Kind
 from pytest_rvads.satellites.tracks.importing import read_tracks
 from pytest_rvads.support.errors import RunError

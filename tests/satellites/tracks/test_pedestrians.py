@@ -21,8 +21,8 @@ from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.conduct.validate import validate
 from pytest_rvads.runs.recording import Recording
-from pytest_rvads.runs.recordingfile import load_recording
 from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.runfile import load_recording
 from pytest_rvads.runs.states import Colour, Kind, Zone
 from pytest_rvads.satellites.tracks.importing import read_tracks
 from pytest_rvads.satellites.tracks.streaming import Stream

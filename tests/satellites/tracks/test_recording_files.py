@@ -13,8 +13,7 @@ from pytest_rvads.geometry.finder import find, load
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.runs.readers import read_runs
 from pytest_rvads.runs.recording import Recording
-from pytest_rvads.runs.recordingfile import load_recording, save_recording
-from pytest_rvads.runs.runfile import load_run
+from pytest_rvads.runs.runfile import load_recording, load_run, save_recording
 from pytest_rvads.runs.states import Colour
 from pytest_rvads.satellites.tracks.importing import read_tracks
 from pytest_rvads.satellites.tracks.lightlog import lights_at, read_lights

@@ -11,7 +11,7 @@ from pytest_rvads.cli import main
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.road_map import read_map
-from pytest_rvads.runs.recordingfile import load_recording
+from pytest_rvads.runs.runfile import load_recording
 from pytest_rvads.satellites.tracks.importing import read_tracks
 
 from ..lanelet2.lanelet_files import Crossing, place

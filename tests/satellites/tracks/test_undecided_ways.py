@@ -14,13 +14,12 @@ from pytest_rvads.cli import main
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.check import check
-from pytest_rvads.logic.conduct.presence import on_each_way
+from pytest_rvads.logic.conduct.static_model import on_each_way
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.runs.itineraries import Itinerary
-from pytest_rvads.runs.recordingfile import load_recording, save_recording
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.runfile import load_run, save_run
+from pytest_rvads.runs.runfile import load_recording, load_run, save_recording, save_run
 from pytest_rvads.satellites.tracks.importing import read_tracks
 from pytest_rvads.satellites.tracks.matching import BEFORE, UNCLEAR
 from pytest_rvads.support.errors import RunError

@@ -14,19 +14,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.geometry.crosswalks import Crossing
-from pytest_rvads.logic.conduct.blame import pushed, stuck, surprised
-from pytest_rvads.logic.conduct.cast import Cause, may_owe
-from pytest_rvads.logic.conduct.presence import colourings, on_each_way, window
-from pytest_rvads.logic.conduct.progress import may_go
-from pytest_rvads.logic.conduct.rights import WAIVER, waives
-from pytest_rvads.logic.judging.evaluate import Values
-from pytest_rvads.logic.judging.judgement import Judgement, Template, columns
+from pytest_rvads.logic.conduct.blame import Cause, pushed, stuck, surprised
+from pytest_rvads.logic.conduct.blocks import window
+from pytest_rvads.logic.conduct.lane import beyond_steering
+from pytest_rvads.logic.conduct.rights import WAIVER, may_owe, waives
+from pytest_rvads.logic.conduct.static_model import colourings, on_each_way
+from pytest_rvads.logic.conduct.waiting import may_go
+from pytest_rvads.logic.judging.instances import Template, columns
+from pytest_rvads.logic.judging.judge import Values
+from pytest_rvads.logic.judging.judgement import Judgement
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.ltl.boolean import evaluate
-from pytest_rvads.logic.ltl.finite import settle
+from pytest_rvads.logic.ltl.ltl3 import evaluate, settle
 from pytest_rvads.logic.rules.lexicon import word_of
-from pytest_rvads.logic.rules.parts import Kind, agents_of
+from pytest_rvads.logic.rules.rule import Kind, agents_of
+from pytest_rvads.logic.rules.vocabulary import TightBend
 from pytest_rvads.runs.run import Run, once
 from pytest_rvads.support.errors import RunError
 
@@ -182,7 +184,8 @@ def unavoidable(judgements: Iterable[Judgement], templates: Iterable[Template], 
 def _beyond(atom: f.Atom, run: Run) -> bool:
     """Return whether no driver could have kept an atom about one vehicle false, such as leaving the lane in a tight bend."""
     word, agents = word_of(atom), agents_of(atom)
-    return word is not None and word.beyond is not None and len(agents) == 1 and word.beyond(run, agents[0].index)
+    excuses = word is not None and word.bend is TightBend.EXCUSES
+    return excuses and len(agents) == 1 and beyond_steering(run, agents[0].index)
 
 
 _Owed = tuple[str, str, NDArray[np.bool_]]

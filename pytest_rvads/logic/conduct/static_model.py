@@ -1,4 +1,7 @@
-"""Finds the vehicles that are near the junction at the same time, in runs whose vehicles come and go.
+"""The static model of a run (what stays the same during the run), and the pairs of agents and readings that rules are judged on.
+
+`Static` is the paper's model S^s. The paper's right-of and opposite are relations of arms, extended to the lanes of the arms.
+Only the paper's rules and the two rules of the all-way stop use right-of and opposite; all other rules use `Junction.yields`.
 
 Instances of rules (rules for certain vehicles and entrances) are about vehicles that are `together`: near the junction at the
 same time, or anywhere so close to each other that their bodies can touch. Two vehicles that are not together can't violate a
@@ -26,20 +29,110 @@ colours of lights that a recording lacks. `on_each_way` puts vehicles whose way 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import replace
-from itertools import product
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, fields, replace
+from itertools import permutations, product
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.geometry.control import JunctionControl, Sign
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.conduct.bodies import close
-from pytest_rvads.logic.conduct.cast import lit
+from pytest_rvads.logic.conduct.rights import Ground, ground_of, in_turn, lit, may_owe
 from pytest_rvads.runs.itineraries import LEAVE, itinerary
-from pytest_rvads.runs.periods import NEAR, NEAR_TIME
-from pytest_rvads.runs.recording import zones
+from pytest_rvads.runs.recording import near_junction, zones
 from pytest_rvads.runs.run import DT, Run, once
-from pytest_rvads.runs.states import Colour, Zone
+from pytest_rvads.runs.states import Agent, Colour, Zone
+
+
+@dataclass(frozen=True, slots=True)
+class Static:
+    """The part of the paper's model that is constant in a run: junction, lights and itineraries (Algorithm 1)."""
+
+    junction: Junction
+    entrances: int
+    exits: int
+    lights: tuple[int, ...]
+    """Entrances with a light."""
+    signs: tuple[int, ...]
+    """Entrances with a stop sign."""
+    agents: tuple[Agent, ...]
+    grounds: frozenset[tuple[int, int, Ground]] | None = frozenset()
+    """Triples of a first agent, a second agent (both by column), and the ground on which the first has to give way to the second.
+
+    Lights are no ground. None if the geometry is unknown.
+    """
+    owing: frozenset[tuple[int, int]] | None = None
+    """Pairs of agents, by column, of which the first can owe the way to the second; None if only states of the run decide."""
+    by_arrival: frozenset[tuple[int, int]] | None = None
+    """Pairs of agents, by column, that go in the order of arrival; None if the junction is no all-way stop."""
+    together: frozenset[tuple[int, int]] | None = None
+    """Pairs of agents, by column and in both orders, that were present together; rules about two agents are judged for these
+    pairs only. None: for all pairs."""
+    judged: frozenset[int] | None = None
+    """Agents, by column, for which rules are judged in this run, see `Excerpt.judged`; None: all agents."""
+    further: frozenset[int] = frozenset()
+    """Agents, by column, on ways that are no movements of vehicles, such as crossings."""
+    _hash: int = field(init=False, repr=False, compare=False)
+    """The hash of the model, stored because caches use the model as a key for every rule."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_hash", hash(tuple(getattr(self, item.name) for item in fields(self) if item.compare)))
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def judges(self, agents: Sequence[int]) -> bool:
+        """Return whether rules for the given agents are judged in this run; the agent that appeared last decides for all."""
+        return self.judged is None or not agents or max(agents) in self.judged
+
+    def turns(self, agent: int, direction: str) -> bool:
+        """Return whether an agent turns ``left``, ``straight``, ``right``, or to the ``near`` or ``far`` side."""
+        turn = {"near": self.junction.near, "far": self.junction.far}.get(direction, direction)
+        return self.agents[agent].turn == turn
+
+    def __str__(self) -> str:
+        junction = self.junction
+        pairs = ", ".join(f"{a} right-of {b}" for a, b in sorted(junction.right_of))
+        facing = ", ".join(f"{a} opposite {b}" for a, b in sorted(junction.opposite) if a < b)
+        agents = ", ".join(f"{a.name}: {a.entrance} -> {a.exit} ({a.turn})" for a in self.agents)
+        kinds = (("lights", self.lights), ("stop signs", self.signs))
+        objects = ", ".join(f"{kind} at {list(places)}" for kind, places in kinds if places) or "no lights or stop signs"
+        return f"{self.entrances} entrances, {objects}; {pairs or 'no right-of'}; {facing or 'no opposite'}; {agents}"
+
+
+def extract(run: Run) -> Static:
+    """Return the static model of a run: everything that stays the same during the run (Algorithm 1 of the paper)."""
+    junction, ways = run.junction, [agent.way.key for agent in run.agents]
+    grounds: frozenset[tuple[int, int, Ground]] | None = frozenset()
+    owing: frozenset[tuple[int, int]] | None = None
+    by_arrival: frozenset[tuple[int, int]] | None = None
+    if junction.control is JunctionControl.STOP:
+        present_pairs = together(run)
+        candidates = permutations(range(len(ways)), 2) if present_pairs is None else present_pairs
+        by_arrival = frozenset((one, two) for one, two in candidates if in_turn(junction, ways[one], ways[two]))
+    elif junction.yields is None and junction.control is not JunctionControl.LIGHTS:
+        grounds = None
+    elif junction.control is not JunctionControl.LIGHTS:  # which only states of the run decide
+        pairs, conflicts = list(permutations(range(len(ways)), 2)), junction.conflicts or ()
+        reasons = ((one, two, ground_of(junction, ways[one], ways[two])) for one, two in pairs)
+        grounds = frozenset((one, two, ground) for one, two, ground in reasons if ground is not None)
+        owing = frozenset((one, two) for one, two in pairs if (ways[one], ways[two]) in conflicts and may_owe(run, one, two))
+    return Static(
+        junction,
+        len(junction.entrances),
+        len(junction.exits),
+        tuple(k for k in range(len(junction.entrances)) if lit(junction, k) or run.lights[:, k].any()),
+        tuple(k for k, entrance in enumerate(junction.entrances) if entrance.sign is Sign.STOP),
+        run.agents,
+        grounds,
+        owing,
+        by_arrival,
+        together(run),
+        judged(run),
+        frozenset(k for k, who in enumerate(run.agents) if who.way.key not in junction.movements),
+    )
 
 
 def judged(run: Run) -> frozenset[int] | None:
@@ -64,35 +157,19 @@ def together(run: Run) -> frozenset[tuple[int, int]] | None:
 def near(run: Run) -> NDArray[np.int64]:
     """Return the first tick and the tick after the last tick in which every agent is near the junction, shape ``(agents, 2)``.
 
-    An agent is near from `NEAR` before its stopping line on, or from the distance that it drives in `NEAR_TIME` if this distance
-    is longer, until its whole body has left the junction.
+    An agent is near, see `near_junction`, until its whole body has left the junction.
     """
     spans = np.zeros((len(run.agents), 2), dtype=np.int64)
     for column, agent in enumerate(run.agents):
         begin, end = run.spans[column]
         station = run.need("station")[begin:end, column]
         speed = np.zeros_like(station) if run.speed is None else run.speed[begin:end, column]
-        reach = np.maximum(NEAR, NEAR_TIME * np.maximum(speed, 0.0))
-        end_of_stay = agent.way.length + max(LEAVE, agent.size[0] if agent.size else 0.0)
-        near_line = (
-            (station >= -run.junction.setbacks[agent.entrance] - reach) & (station <= end_of_stay) & run.here[begin:end, column]
-        )
-        ticks = np.flatnonzero(near_line)
+        leave = agent.way.length + max(LEAVE, agent.size[0] if agent.size else 0.0)
+        close_by = near_junction(station, speed, -run.junction.setbacks[agent.entrance], leave)
+        ticks = np.flatnonzero(close_by & run.here[begin:end, column])
         if len(ticks):
             spans[column] = begin + ticks[0], begin + ticks[-1] + 1
     return spans
-
-
-def window(run: Run, columns: Iterable[int]) -> tuple[int, int]:
-    """Return the first tick and the tick after the last tick in which the run holds all given agents; two equal ticks if none.
-
-    Rules for these agents are judged between the two ticks. Therefore an absent vehicle breaks no obligation, and no vehicle
-    breaks an obligation towards an absent vehicle.
-    """
-    begin, end = 0, run.steps
-    for begins, ends in run.spans[list(columns)].tolist():
-        begin, end = max(begin, begins), min(end, ends)
-    return begin, max(begin, end)
 
 
 def last_seen(run: Run, columns: Iterable[int]) -> tuple[str, int] | None:

@@ -1,8 +1,9 @@
-"""Turns a rule into formulas without quantifiers (Algorithm 1 of the paper up to the monitor): `unfold`, then `simplify`.
+"""Makes the instances of a rule, with their monitors, for all runs with the same junction and the same ways of the agents.
 
-`unfold` replaces variables by vehicles and entrances. `simplify` evaluates the predicates that the static model (the junction and
-the agents' ways) decides. `ground` takes both steps at once, variable by variable, and thus never writes out a formula that the
-static model decides. The result of `ground` equals ``simplify(unfold(...))``.
+A rule becomes formulas without quantifiers as in Algorithm 1 of the paper: `unfold`, then `simplify`. `unfold` replaces variables
+by vehicles and entrances. `simplify` evaluates the predicates that the static model (the junction and the agents' ways) decides.
+`ground` takes both steps at once, variable by variable, and thus never writes out a formula that the static model decides. The
+result of `ground` equals ``simplify(unfold(...))``. `prepare` merges instances with the same meaning and builds their monitors.
 """
 
 from __future__ import annotations
@@ -10,14 +11,17 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import product
 from math import prod
 
-from pytest_rvads.logic.conduct.predicates import Static
-from pytest_rvads.logic.judging.judgement import Binding
+import numpy as np
+
+from pytest_rvads.logic.conduct.static_model import Static
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.ltl.boolean import Budget, conj, disj, plain, rebuild
+from pytest_rvads.logic.ltl.boolean import Budget, conj, disj, plain, rebuild, replaced
+from pytest_rvads.logic.ltl.ltl3 import Machine, evaluate, synthesize
 from pytest_rvads.logic.rules.lexicon import HERE, word_of
-from pytest_rvads.logic.rules.parts import outermost
+from pytest_rvads.logic.rules.rule import Kind, Shape, agents_of, outermost, shape_of, split
 from pytest_rvads.logic.rules.vocabulary import Sort
 
 LIMIT = 100_000
@@ -35,6 +39,9 @@ An agent is present together with few other agents. Therefore the number of atom
 def _budget(formula: f.Formula, static: Static) -> Budget:
     most = LIMIT if static.together is None else LIMIT + _EACH * len(static.agents)
     return Budget(most, f.size(formula), what="too many instances, one per choice of elements for its variables")
+
+
+Binding = tuple[tuple[str, f.Element], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -285,10 +292,10 @@ def _decide(atom: f.Atom, static: Static, itinerary: bool) -> f.Formula:
     elif not any(isinstance(t.of if isinstance(t, f.Attr) else t, f.Var) for t in atom.terms):
         if word.means is not None:
             return _define(word.means(*atom.terms, itinerary), static, itinerary)
-        if word.apart and atom.terms[0] == atom.terms[1]:
-            return f.FALSE
         if word.symmetric:
             first, second = (term.index if isinstance(term, f.Element) else 0 for term in atom.terms)
+            if first == second:
+                return f.FALSE
             if first > second:
                 return f.Atom(atom.name, atom.terms[::-1], word=atom.word)  # as above
         truth = None if word.decide is None else word.decide(static, *atom.terms)
@@ -299,3 +306,107 @@ def _define(formula: f.Formula, static: Static, itinerary: bool) -> f.Formula:
     if isinstance(formula, f.Atom):
         return _decide(formula, static, itinerary)
     return _fold(formula, (_define(child, static, itinerary) for child in f.children(formula)))
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """An instance of a rule among the instances that share a template because they have the same meaning."""
+
+    binding: Binding
+    premise: f.Formula | None
+    """The premise (condition of the obligation) of the instance; None if the rule has no premise."""
+    bound: tuple[f.Element, ...]
+    """The agents that are bound to act."""
+
+
+@dataclass(frozen=True, slots=True)
+class Template:
+    """An instance of a rule with its monitor; instances with the same meaning share a template."""
+
+    formula: f.Formula
+    shape: Shape
+    members: tuple[Member, ...]
+    """The first instance with this meaning, followed by the instances that were merged into the first instance."""
+    machine: Machine
+    """Monitor over the propositions p0, p1, ...; instances that differ only in their atoms share a machine."""
+    atoms: tuple[f.Atom, ...]
+    """The atoms that the propositions stand for."""
+
+    @property
+    def binding(self) -> Binding:
+        """The elements that the variables of the instance stand for."""
+        return self.members[0].binding
+
+    @property
+    def premises(self) -> tuple[f.Formula, ...]:
+        """The different premises of the members; empty if the rule has no premise."""
+        premises = dict.fromkeys(member.premise for member in self.members)
+        return () if None in premises else tuple(p for p in premises if p is not None)
+
+
+def columns(template: Template) -> tuple[int, ...]:
+    """Return the columns, in the arrays of a run, of the agents that an instance of a rule is about."""
+    return tuple(element.index for _, element in template.binding if element.sort == Sort.AGENT)
+
+
+_MERGE_LIMIT = 6
+"""Largest number of atoms of an instance that is compared with other instances by its truth table, of up to 64 rows."""
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """The instances of a rule for certain agents at a junction, with their monitors."""
+
+    templates: tuple[Template, ...]
+    collapsed: int
+    """Number of further instances, which are true because of the junction and the ways alone."""
+
+
+def prepare(formula: f.Formula, static: Static, bound: tuple[str, ...] = (), *, itinerary: bool = True) -> Prepared:
+    """Return the simplified instances of a rule with their monitors; instances with the same meaning are merged."""
+    cached = _few if len(static.agents) <= _FEW else _many
+    return cached(formula, static, bound, itinerary)
+
+
+def forget() -> None:
+    """Empty the caches of prepared rules."""
+    _few.cache_clear()
+    _many.cache_clear()
+
+
+def _prepare(formula: f.Formula, static: Static, bound: tuple[str, ...], itinerary: bool) -> Prepared:
+    grounding = ground(formula, static, itinerary=itinerary)
+    groups: dict[object, list[Instance]] = {}
+    for instance in grounding.instances:
+        for part in split(instance.formula):
+            atoms = sorted(f.atoms(part), key=str)
+            key: object = part
+            if isinstance(part, f.Always) and shape_of(part).kind is Kind.STATE and len(atoms) <= _MERGE_LIMIT:
+                # Instances with the same meaning, such as p1 of (a, a') and p1 of (a', a), have the same truth table.
+                rows = np.array(list(product((False, True), repeat=len(atoms))))
+                truths = evaluate(part.body, dict(zip(atoms, rows.T, strict=True)), (len(rows),))
+                key = tuple(atoms), truths.tobytes()
+            groups.setdefault(key, []).append(Instance(instance.binding, part))
+    templates = []
+    for instances in groups.values():
+        members = []
+        for instance in instances:
+            shape, values = shape_of(instance.formula), dict(instance.binding)
+            waits = shape.waits if shape.waits is not None else shape.obligation
+            actors = tuple(values[name] for name in bound) if bound else agents_of(waits)
+            members.append(Member(instance.binding, shape.premise, actors))
+        merged = instances[0].formula
+        names = {atom: f.Atom(f"p{k}") for k, atom in enumerate(f.atoms(merged))}
+        machine = synthesize(replaced(merged, names.__getitem__))
+        templates.append(Template(merged, shape_of(merged), tuple(members), machine, tuple(names)))
+    return Prepared(tuple(templates), grounding.collapsed)
+
+
+_FEW = 12
+"""Largest number of agents for which a prepared rule goes into the large cache.
+
+A few agents at a junction recur, because scenarios recur; such a prepared rule takes some 5 kB. A crowd of recorded traffic does
+not recur, and its prepared rule takes megabytes.
+"""
+_few = lru_cache(maxsize=8192)(_prepare)
+_many = lru_cache(maxsize=64)(_prepare)
