@@ -60,10 +60,12 @@ def costs(run: Run, read: Callable[[int], object]) -> list[float]:
 
 @pytest.mark.parametrize("reading", [fixed, coming])
 def test_all_rules_for_the_road(run: Run, reading: Callable[[Run], Callable[[int], object]]) -> None:
-    """A state of up to twelve vehicles: at most 1 ms in the mean."""
-    assert np.mean(costs(run, reading(run))) < 1e-3
+    """A state of up to twelve vehicles: at most 1.6 ms in the mean, and at most 6 ms; a tick of 100 Hz has 10 ms."""
+    found = costs(run, reading(run))
+    assert np.mean(found) < 1.6e-3
+    assert max(found) < 6e-3
 
 
 def test_all_rules_for_the_road_in_blocks_of_ten_states(run: Run) -> None:
-    """A state of up to twelve vehicles: at most 0.1 ms in the mean."""
-    assert np.mean(costs(run, fixed(run, 10))) < 1e-4
+    """Ten states that are judged together cost at most a third of ten states that are judged one by one."""
+    assert np.mean(costs(run, fixed(run, 10))) < np.mean(costs(run, fixed(run))) / 3

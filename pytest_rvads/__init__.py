@@ -4,30 +4,8 @@ The public names stand in ``__init__.pyi`` and are loaded when first used, so th
 The modules ``errors``, ``files`` and ``values`` hold the public names that few tests write.
 """
 
-from importlib import import_module
+from pytest_rvads.support.lazy import public_names
 
 __version__ = "0.3.0"
 
-
-def _homes() -> dict[str, str]:
-    """Return, by name, the module from which the stub ``__init__.pyi`` imports the name."""
-    import ast
-    from pkgutil import get_data
-
-    stub = ast.parse(get_data(__name__, "__init__.pyi") or b"")
-    return {name.name: str(node.module) for node in stub.body if isinstance(node, ast.ImportFrom) for name in node.names}
-
-
-def __getattr__(name: str) -> object:
-    homes = globals().get("_known") or globals().setdefault("_known", _homes())
-    if name == "__all__":
-        return sorted(homes)
-    if name not in homes:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    home = homes[name]
-    value = globals()[name] = import_module(f"{home}.{name}") if home == __name__ else getattr(import_module(home), name)
-    return value
-
-
-def __dir__() -> list[str]:
-    return __getattr__("__all__")
+__getattr__, __dir__ = public_names(__name__)

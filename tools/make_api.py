@@ -14,6 +14,7 @@ from types import ModuleType
 from typing import Any, get_origin
 
 import pytest_rvads
+from pytest_rvads.support.lazy import homes
 
 PAGE = Path(__file__).parents[1] / "docs" / "api.md"
 HEAD = """# Public names
@@ -97,7 +98,7 @@ def _fields(cls: type) -> list[str]:
 
 def _below(name: str) -> str:
     """Return the string below the line that defines an alias of a type."""
-    module = inspect.getsource(import_module(pytest_rvads._homes()[name]))  # type: ignore[attr-defined]
+    module = inspect.getsource(import_module(homes("pytest_rvads")[name]))
     told = re.search(rf'^{name} = .*\n"""([^"]*)"""', module, re.MULTILINE)
     return told[1] if told else ""
 

@@ -13,16 +13,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.conduct.blocks import Signal
 from pytest_rvads.logic.conduct.static_model import extract
-from pytest_rvads.logic.judging.instances import Template, prepare
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.ltl.ltl3 import Machine, Truth
+from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.logic.rules.book import RuleBook, rules_for
-from pytest_rvads.logic.rules.current import PACKAGE
 from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, word_of
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.rules.vocabulary import Sort
@@ -31,9 +29,8 @@ from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.recording import Before, zones
 from pytest_rvads.runs.run import DT, Facts
 from pytest_rvads.runs.states import ABSENT, Agent
-from pytest_rvads.satellites.live.board import Board, Instances
-from pytest_rvads.satellites.live.instant import OF_RUNS, Decided, Instant, Mover, Seen, State, row_of, sizes_of
-from pytest_rvads.satellites.live.watch import Reading, Watch
+from pytest_rvads.satellites.live.groups import Groups, Mover, Plan, Plans, Watched, plans
+from pytest_rvads.satellites.live.instant import Decided, Seen, State, Stream, row_of, sizes_of
 from pytest_rvads.support.errors import RunError
 
 
@@ -88,7 +85,7 @@ class RuleMonitor:
             raise RunError(f"block must be a whole number of states from 1 on, got {block!r:.20}")
         self._junction, self._block = junction, block
         self._states: list[State] = []
-        self._seen: list[tuple[dict[str, Seen], list[int]]] = []
+        """States that wait for the other states of their block."""
         self._agents = None if agents is None else tuple(agents)
         if vehicle_size is not None and self._agents is not None:
             sizes = sizes_of(vehicle_size, len(self._agents))
@@ -97,22 +94,22 @@ class RuleMonitor:
         atoms = dict.fromkeys(atom for rule in self.rules for atom in f.atoms(rule.formula))
         words = [word for word in map(word_of, atoms) if word is not None]
         attributes = [ATTRIBUTES[term.name].read for atom in atoms for term in atom.terms if isinstance(term, f.Attr)]
-        # A user's predicate can read all signals of `OF_RUNS` from its run.
-        offered = OF_RUNS if any(word.place != PACKAGE for word in words) else ()
-        signals = (*offered, *attributes, *(word.holds for word in words if isinstance(word.holds, Signal)))
-        self._now = Instant(junction, dt, Facts(speed_limit=speed_limit), dict.fromkeys(signals))
-        self._board = Board(self._now)
-        self._queue: list[Watch] = []
-        self._readings: dict[tuple[int, tuple[int, ...]], tuple[Machine, Reading]] = {}
-        self._watches: dict[Watch, tuple[Mover, ...]] = {}
-        self._pending = [0] * len(self.rules)
-        """Per rule, the number of its watches: monitors of instances without a final verdict."""
-        self._broken: dict[Watch, tuple[Mover, ...]] = {}
-        self._failed: set[int] = set()
-        self._instances: Instances | None = None
+        self._signals = tuple(dict.fromkeys((*attributes, *(word.holds for word in words if isinstance(word.holds, Signal)))))
+        self._stream = Stream(junction, dt, Facts(speed_limit=speed_limit))
+        self._groups = Groups()
+        self._plans: Plans | None = None
+        self._columns = [Mover(agent, column) for column, agent in enumerate(self._agents or ())]
+        """The vehicles by column. A vehicle keeps its column until all its instances are decided and another vehicle comes."""
+        self._borders = np.empty((0, 4))
+        """The borders of the zones of every vehicle, by column."""
         self._present: dict[str, Mover] = {}
-        self._about: dict[Mover, dict[Watch, None]] = {}
-        self._free: list[int] = []
+        self._new: list[Mover] = []
+        """The vehicles that have come in the state that waits, and those that have left in it."""
+        self._leaving: list[Mover] = []
+        if self._agents is not None:
+            self._stream.recast(self._agents, [None] * len(self._agents))
+        self._broken: list[Watched] = []
+        self._failed: set[str] = set()
         self.not_judged: dict[str, str] = {}
         """Maps the name of a rule that can't be judged, because a value that the rule needs is not given, to the reason."""
 
@@ -129,11 +126,12 @@ class RuleMonitor:
     @property
     def verdicts(self) -> dict[str, Truth]:
         """The verdict of every rule, by name; a verdict can be ``T`` only if `agents` were given."""
-        begun = self._now.tick >= 0 and self._agents is not None
+        begun = self._stream.tick > 0 and self._agents is not None
+        open_rules = {watched.plan.rule.name for watched in self._groups} if begun else {rule.name for rule in self.rules}
         return {
-            rule.name: Truth.FALSE if k in self._failed else Truth.UNKNOWN if self._pending[k] or not begun else Truth.TRUE
-            for k, rule in enumerate(self.rules)
-            if rule.name not in self.not_judged
+            name: Truth.FALSE if name in self._failed else Truth.UNKNOWN if name in open_rules else Truth.TRUE
+            for name in (rule.name for rule in self.rules)
+            if name not in self.not_judged
         }
 
     @property
@@ -142,11 +140,11 @@ class RuleMonitor:
 
         Without `agents`, violations by vehicles that have left are not included.
         """
-        return tuple(_binding(watch.template, movers) for watch, movers in self._broken.items())
+        return tuple(map(_binding, self._broken))
 
     def violated_of(self, rule: str) -> tuple[dict[str, str], ...]:
         """Return, for each violation of a rule, the variables of the rule and the vehicles and entrances that they stand for."""
-        return tuple(_binding(w.template, movers) for w, movers in self._broken.items() if self.rules[w.rule].name == rule)
+        return tuple(_binding(watched) for watched in self._broken if watched.plan.rule.name == rule)
 
     def step(
         self,
@@ -175,19 +173,21 @@ class RuleMonitor:
         if self._agents is None:
             raise RunError("step reads vehicles that are known beforehand: give RuleMonitor its agents, or call see")
         count = len(self._agents)
-        zones = row_of("zone", zone, (count,))
-        colours = self._colours(lights)
-        stations = None if station is None else row_of("station", station, (count,))
-        speeds = None if speed is None else row_of("speed", speed, (count,))
-        poses = None if pose is None else row_of("pose", pose, (count, 3))
         touching = None if collisions is None else frozenset(frozenset(pair) for pair in collisions)
-        state = State(list(map(int, zones)), stations, speeds, poses, colours, touching)
+        state = State(
+            row_of("zone", zone, (count,)),
+            self._colours(lights),
+            None if station is None else row_of("station", station, (count,)),
+            None if speed is None else row_of("speed", speed, (count,)),
+            None if pose is None else row_of("pose", pose, (count, 3)),
+            touching,
+        )
         if self._states and state.given != self._states[0].given:
             self.flush()
         self._states.append(state)
         if len(self._states) >= self._block:
             self.flush()
-        return Truth.FALSE if self._failed else Truth.UNKNOWN if self._watches else self.verdict
+        return Truth.FALSE if self._failed else Truth.UNKNOWN if any(True for _ in self._groups) else self.verdict
 
     def see(self, vehicles: Iterable[Seen], lights: ArrayLike | None = None) -> tuple[Decided, ...]:
         """Read the vehicles that are present in the next state, and return the final verdicts of instances decided by this state.
@@ -217,168 +217,115 @@ class RuleMonitor:
                 raise RunError(f"vehicle {name!r}: what is seen must be finite numbers, got {values!r:.80}")
             if name not in self._present and way not in self._junction.every_way:
                 raise RunError(f"vehicle {name!r}: the junction has no way {way}")
-        if self._instances is None:
-            self._instances = Instances(self.rules, self._junction, colours)
+        if self._plans is None:
+            self._plans = Plans(self.rules, self._junction, self._stream.dt, colours)
         decided: tuple[Decided, ...] = ()
-        if self._seen and seen.keys() != self._seen[0][0].keys():
+        if seen.keys() != self._present.keys():
             decided = self.flush()
-        self._seen.append((seen, colours))
-        return decided if len(self._seen) < self._block else (*decided, *self.flush())
+            self._replace(seen)
+        self._states.append(self._state(seen, colours))
+        return decided if len(self._states) < self._block else (*decided, *self.flush())
 
     def flush(self) -> tuple[Decided, ...]:
         """Judge the states of an incomplete block, and return the final verdicts of the instances that these states decide.
 
         A monitor with `agents` returns no verdicts here; its property `verdicts` shows them.
         """
-        states, seen_states, self._states, self._seen = self._states, self._seen, [], []
-        if self._agents is None or not states:
-            return self._judge_seen(seen_states, self._instances) if seen_states and self._instances else ()
-        now, first = self._now, self._now.tick < 0
-        if first:
-            for slot, agent in enumerate(self._agents):
-                now.add(agent, slot)
-        now.feed(states)
-        for number in range(len(states)):
-            now.go_on()
-            if first and number == 0:
-                static = extract(now.run)
-                for rule_number, rule in enumerate(self.rules):
-                    templates = prepare(rule.formula, static, rule.bound).templates
-                    self._watch([(rule_number, template) for template in templates], tuple(now.slots))
-            else:
-                self._board.read()
-            self._run_monitors()
-        return ()
+        states, self._states = self._states, []
+        if not states:
+            return ()
+        decided: list[Decided] = []
+        block = self._stream.read(self._signals, states)
+        for row in range(len(states)):
+            self._groups.begin(block, row)
+            new, leaving, self._new, self._leaving = self._new, self._leaving, [], []
+            self._begin(new)
+            for watched, verdict in self._groups.read():
+                decided.append(self._decided(watched, verdict))
+                if verdict is Truth.FALSE:
+                    self._failed.add(watched.plan.rule.name)
+                    self._broken.append(watched)
+            if leaving:  # some verdicts are final because vehicles have left
+                ended = self._groups.end(leaving, list(self._present.values()))
+                decided += [self._decided(watched, Truth.UNKNOWN) for watched in ended]
+                self._broken = [watched for watched in self._broken if not any(m in leaving for m in watched.movers)]
+        return tuple(decided) if self._agents is None else ()
 
-    def _judge_seen(self, states: Sequence[tuple[dict[str, Seen], list[int]]], instances: Instances) -> tuple[Decided, ...]:
-        """Judge the next states, all with the same vehicles, and return the final verdicts of the instances that they decide."""
-        now, seen = self._now, states[0][0]
-        old = tuple(self._present.values())
-        new: list[Mover] = []
-        for vehicle in [vehicle for name, vehicle in seen.items() if name not in self._present]:
-            agent = vehicle.agent
+    def _begin(self, new: Sequence[Mover]) -> None:
+        """Let the groups read the instances about the vehicles that have come in the present state."""
+        if self._agents is not None and self._groups.tick == 0:
+            static = extract(self._groups.run)
+            for rule in self.rules:
+                self._watch(plans(rule, static, self._stream.dt), tuple(self._columns))
+        present = list(self._present.values())
+        for number, mover in enumerate(present):
+            if self._plans is not None and mover in new:
+                self._watch(self._plans.of(mover), (mover,))
+                for neighbour in present[:number]:
+                    self._watch(self._plans.of(neighbour, mover), (neighbour, mover))
+
+    def _replace(self, seen: Mapping[str, Seen]) -> None:
+        """Give every vehicle that has come a column, new or free since a vehicle left and all about that vehicle was decided."""
+        self._leaving = [self._present.pop(name) for name in list(self._present) if name not in seen]
+        used = {*self._present.values(), *(mover for watched in self._groups for mover in watched.movers)}
+        free = [mover.column for mover in self._columns if mover not in used]
+        self._groups.forget(used)
+        for name in [name for name in seen if name not in self._present]:
+            agent = seen[name].agent
             if self._size is not None and agent.size is None:
                 agent = replace(agent, size=self._size)
-            # A vehicle gets a new column, or the column that has been free for longest.
-            slot = self._free.pop(0) if len(self._free) > _SPARE else len(now.slots)
-            new.append(now.add(agent, slot))
-            self._present[agent.name], self._about[new[-1]] = new[-1], {}
-        leaving = [self._present.pop(name) for name in self._present.keys() - seen.keys()]
-        now.feed([State(*self._columns(vehicles), colours) for vehicles, colours in states])
-        old = tuple(mover for mover in old if mover.zone != ABSENT)
-        decided: list[Decided] = []
-        for number in range(len(states)):
-            now.go_on()
-            self._board.read()
-            if number:
-                decided += self._run_monitors()
-                continue
-            for place, mover in enumerate(new):
-                self._watch(instances.of(mover.agent.way.key), (mover,))
-                for neighbour in (*old, *new[:place]):
-                    self._watch(instances.of(neighbour.agent.way.key, mover.agent.way.key), (neighbour, mover))
-            decided += self._run_monitors()
-            # Some verdicts are final because vehicles have left.
-            for mover in leaving:
-                for watch in list(self._about[mover]):
-                    absent = [m for m in self._watches[watch] if m.zone == ABSENT]
-                    if len(absent) == len(self._watches[watch]) or not watch.can_fail(self._board.bodily(absent)):
-                        decided.append(self._end(watch, Truth.UNKNOWN))
-            for mover in [m for m, watches in self._about.items() if not watches and m.zone == ABSENT]:
-                del self._about[mover]
-                self._free.append(mover.slot)
-                self._board.drop(mover)
-                self._broken = {watch: movers for watch, movers in self._broken.items() if mover not in movers}
-        return tuple(decided)
+            column = free.pop(0) if free else len(self._columns)
+            mover = self._present[name] = Mover(agent, column)
+            self._columns[column : column + 1] = [mover]
+            self._new.append(mover)
+        if self._new:
+            columns = [None if mover in self._new else mover.column for mover in self._columns]
+            self._stream.recast([mover.agent for mover in self._columns], columns)
+            self._borders = np.array([itinerary(self._junction, *mover.agent.way.key).borders for mover in self._columns])
 
-    def _columns(
-        self, by_name: Mapping[str, Seen]
-    ) -> tuple[list[int], list[float], list[float], list[tuple[float, float, float]]]:
-        """Return the zones, stations, speeds and poses of the present vehicles, by column."""
-        slots = self._now.slots
-        if not slots:
-            return [], [], [], []
-        vehicles = [by_name.get(mover.agent.name) if self._present.get(mover.agent.name) is mover else None for mover in slots]
-        stations, speeds, *pose, spreads = zip(
-            *(_NOWHERE if vehicle is None else vehicle[1:] for vehicle in vehicles), strict=True
-        )
-        borders = np.array([itinerary(self._junction, *mover.agent.way.key).borders for mover in slots])
-        before = Before(*(np.array(values) for values in zip(*((m.zone, m.station, m.spread) for m in slots), strict=True)))
-        zone = zones(borders, np.array([stations]), np.array([spreads]), before)[0].tolist()
-        zone = [int(ABSENT) if vehicle is None else z for vehicle, z in zip(vehicles, zone, strict=True)]
-        for mover, *values in zip(slots, zone, stations, spreads, strict=True):
-            mover.zone, mover.station, mover.spread = values
-        return zone, list(stations), list(speeds), list(zip(*pose, strict=True))
+    def _state(self, seen: Mapping[str, Seen], colours: NDArray[np.float64]) -> State:
+        """Return the next state of vehicles that come and go, with the zones that follow from their stations."""
+        names = [mover.agent.name if self._present.get(mover.agent.name) is mover else None for mover in self._columns]
+        values = np.array([_NOWHERE if name is None else seen[name][1:] for name in names]).reshape(-1, len(_NOWHERE))
+        station, speed, pose, spread = values[:, 0], values[:, 1], values[:, 2:5], values[:, 5]
+        before = Before(*np.array([mover.last for mover in self._columns]).reshape(-1, 3).T)
+        zone = zones(self._borders, station[None], spread[None], before)[0]
+        zone[np.isnan(station)] = ABSENT
+        for mover, *last in zip(self._columns, zone.tolist(), station.tolist(), spread.tolist(), strict=True):
+            mover.last = tuple(last)
+        return State(zone, colours, station, speed, pose)
 
-    def _watch(self, templates: Sequence[tuple[int, Template]], movers: tuple[Mover, ...]) -> None:
-        for number, template in templates:
-            rule = self.rules[number]
+    def _watch(self, instances: Iterable[Plan], movers: tuple[Mover, ...]) -> None:
+        for plan in instances:
+            rule = plan.rule
             if rule.name in self.not_judged:
                 continue
             try:
-                facts = [self._board.fact(atom, movers, rule.tie) for atom in template.atoms]
+                self._groups.add(plan, movers)
             except RunError as error:
                 if len(self.rules) == 1:
                     raise
                 # The rule is not judged any more, because it needs a value that is not given.
                 self.not_judged[rule.name] = str(error)
-                for watch in [watch for watch in self._watches if watch.rule == number]:
-                    self._end(watch, Truth.UNKNOWN)
-                continue
-            asked = tuple(k for k, fact in enumerate(facts) if fact.ask is not None)
-            key = id(template.machine), asked
-            if key not in self._readings:
-                self._readings[key] = template.machine, Reading(template.machine, asked)
-            watch = Watch(number, template, self._readings[key][1], facts, self._queue)
-            self._watches[watch] = movers
-            self._pending[number] += 1
-            if self._agents is None:
-                for mover in movers:
-                    self._about[mover][watch] = None
+                self._groups.drop(rule)
 
-    def _run_monitors(self) -> tuple[Decided, ...]:
-        """Let the monitors in the queue read the present state, and return the final verdicts of instances."""
-        decided = []
-        queued = self._queue[:]
-        self._queue.clear()
-        for watch in queued:
-            if watch not in self._watches:
-                continue
-            verdict = watch.step()
-            if verdict is Truth.UNKNOWN:
-                continue
-            movers = self._watches[watch]
-            decided.append(self._end(watch, verdict))
-            if verdict is Truth.FALSE:
-                self._failed.add(watch.rule)
-                self._broken[watch] = movers
-        return tuple(decided)
+    def _decided(self, watched: Watched, verdict: Truth) -> Decided:
+        return Decided(watched.plan.rule.name, _binding(watched), verdict, round(self._groups.tick * self._stream.dt, 9))
 
-    def _end(self, watch: Watch, verdict: Truth) -> Decided:
-        movers = self._watches.pop(watch)
-        watch.end()
-        self._pending[watch.rule] -= 1
-        for mover in movers:
-            self._about.get(mover, {}).pop(watch, None)
-        time = round(self._now.tick * self._now.dt, 9)
-        return Decided(self.rules[watch.rule].name, _binding(watch.template, movers), verdict, time)
-
-    def _colours(self, lights: ArrayLike | None) -> list[int]:
+    def _colours(self, lights: ArrayLike | None) -> NDArray[np.float64]:
         starts = len(self._junction.starts)
-        return [0] * starts if lights is None else list(map(int, row_of("lights", lights, (starts,))))
+        return np.zeros(starts) if lights is None else row_of("lights", lights, (starts,))
 
 
-_SPARE = 4
-"""Number of columns that stay free after their vehicles have left, before a new vehicle takes the oldest free column."""
 _NOWHERE = (math.nan,) * 6
 """Station, speed, pose and spread of an absent vehicle."""
 _WORST = (Truth.FALSE, Truth.UNKNOWN, Truth.TRUE)
 
 
-def _binding(template: Template, movers: Sequence[Mover]) -> dict[str, str]:
+def _binding(watched: Watched) -> dict[str, str]:
     """Return the variables of an instance, and the names of the vehicles and places that the variables stand for."""
 
     def name(element: f.Element) -> str:
-        return movers[element.index].agent.name if element.sort == Sort.AGENT else element_name(element)
+        return watched.movers[element.index].agent.name if element.sort == Sort.AGENT else element_name(element)
 
-    return {variable: name(element) for variable, element in template.binding}
+    return {variable: name(element) for variable, element in watched.plan.template.binding}

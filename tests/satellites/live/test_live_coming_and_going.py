@@ -27,7 +27,7 @@ from pytest_rvads.simulators.simulator import simulate
 from pytest_rvads.support.errors import FormulaError, RunError
 from studies.mutants import MUTANTS
 
-from ..run_builders import coarse
+from ...run_builders import coarse
 
 LIMIT = 8.0
 ELSEWHERE = ("priority", "right_before_left", "on_lane_allowed", "merge")

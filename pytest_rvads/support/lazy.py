@@ -1,0 +1,35 @@
+"""Public names that are loaded at their first use, from the modules that a stub names."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from functools import cache
+from importlib import import_module
+
+
+@cache
+def homes(module: str) -> dict[str, str]:
+    """Return, by name, the module from which the stub of a module of the package, a file beside it, imports the name."""
+    import ast
+    from pkgutil import get_data
+
+    package, _, stem = module.partition(".")
+    stub = ast.parse(get_data(package, f"{stem or '__init__'}.pyi") or b"")
+    return {name.name: str(node.module) for node in stub.body if isinstance(node, ast.ImportFrom) for name in node.names}
+
+
+def public_names(module: str) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
+    """Return the functions `__getattr__` and `__dir__` of a module whose stub imports its public names."""
+
+    def load(name: str) -> object:
+        if name == "__all__":
+            return sorted(homes(module))
+        if name not in homes(module):
+            raise AttributeError(f"module {module!r} has no attribute {name!r}")
+        home = homes(module)[name]
+        value = import_module(f"{home}.{name}") if home == module else getattr(import_module(home), name)
+        setattr(sys.modules[module], name, value)
+        return value
+
+    return load, lambda: sorted(homes(module))
