@@ -8,9 +8,8 @@ from random import Random
 
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.physics.braking import vmax
-from pytest_rvads.scenarios.classes import classes, rotations
+from pytest_rvads.scenarios.classes import Directions, classes, rotations
 from pytest_rvads.scenarios.configurations import Configuration, grid
-from pytest_rvads.scenarios.orbits import Directions
 from pytest_rvads.scenarios.scenario import Scenario
 
 Method = Callable[[str, int], Iterator[Scenario]]

@@ -41,8 +41,7 @@ from pytest_rvads.logic.telling.explain import tell
 from pytest_rvads.logic.telling.phrase import undecided
 from pytest_rvads.logic.telling.story import Story
 from pytest_rvads.runs.run import Run, once
-from pytest_rvads.support.errors import RunError, RvadsError, require
-from pytest_rvads.support.tracebacks import located
+from pytest_rvads.support.errors import RunError, RvadsError, located, require
 from pytest_rvads.support.wording import one_line
 
 NOT_RECORDED = "not recorded"

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from pytest_rvads.geometry.control import JunctionControl
-from pytest_rvads.scenarios.orbits import rotate
+from pytest_rvads.scenarios.classes import rotate
 from pytest_rvads.support.errors import ScenarioError, suggest
 
 Envelope = Callable[[float], float | None]

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pytest_rvads.geometry.builtin import path_of
 from pytest_rvads.geometry.graph import MetricGraph, Position
 from pytest_rvads.geometry.network import Edge, Network
+from pytest_rvads.geometry.opendrive.map_file import path_of
 from pytest_rvads.geometry.road_map import RoadMap, read_map
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.support.errors import MapError

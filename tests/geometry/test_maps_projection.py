@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pytest_rvads.geometry.builtin import path_of
-from pytest_rvads.geometry.paths import Track
+from pytest_rvads.geometry.graph import Track
+from pytest_rvads.geometry.opendrive.map_file import path_of
 from pytest_rvads.geometry.road_map import RoadMap, read_map
 from pytest_rvads.geometry.segment import Pose
 from pytest_rvads.support.errors import MapError

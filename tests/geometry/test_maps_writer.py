@@ -7,10 +7,10 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from pytest_rvads.geometry.builtin import path_of
 from pytest_rvads.geometry.control import JunctionControl, Sign
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.opendrive.map_file import path_of
 from pytest_rvads.geometry.road_map import read_map
 from pytest_rvads.geometry.segment import Pose
 from pytest_rvads.geometry.turns import Turn

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pytest_rvads.geometry.builtin import NAMES
 from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.opendrive.map_file import NAMES
 from pytest_rvads.geometry.road_map import read_map
 from pytest_rvads.geometry.segment import NO_LIMIT, Segment
 from pytest_rvads.satellites.relations.remap import moved

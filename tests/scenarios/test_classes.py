@@ -8,8 +8,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pytest_rvads.geometry.finder import find
-from pytest_rvads.scenarios.classes import classes, count_classes, count_scenarios, members, parse, representative, rotations
-from pytest_rvads.scenarios.orbits import Orbits, rotate
+from pytest_rvads.scenarios.classes import (
+    Orbits,
+    classes,
+    count_classes,
+    count_scenarios,
+    members,
+    parse,
+    representative,
+    rotate,
+    rotations,
+)
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.support.errors import ScenarioError
 

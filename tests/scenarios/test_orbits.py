@@ -15,12 +15,10 @@ from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.geometry.ways import Entrance, Exit, Key, Movement
-from pytest_rvads.scenarios.classes import covering, pairs_at
+from pytest_rvads.scenarios.classes import OCCUPANCIES, Directions, Orbits, covering, pairs_at, rotate
 from pytest_rvads.scenarios.configurations import grid
-from pytest_rvads.scenarios.orbits import OCCUPANCIES, Directions, Orbits, rotate
-from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.scenarios.scenario import Scenario, usual_duration
 from pytest_rvads.scenarios.selection import COVERS, Selection
-from pytest_rvads.scenarios.signal_cycle import usual_duration
 from pytest_rvads.support.errors import ScenarioError
 
 

@@ -7,9 +7,8 @@ import pytest
 
 from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.geometry.finder import find
-from pytest_rvads.scenarios.classes import classes, count_scenarios, seats
+from pytest_rvads.scenarios.classes import classes, count_scenarios, rotate, seats
 from pytest_rvads.scenarios.configurations import grid
-from pytest_rvads.scenarios.orbits import rotate
 from pytest_rvads.scenarios.selection import Selection
 from pytest_rvads.support.errors import ScenarioError
 

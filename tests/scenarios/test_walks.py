@@ -10,9 +10,8 @@ from pytest_rvads.geometry.crosswalks import Side
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.scenarios.configurations import grid
-from pytest_rvads.scenarios.pedestrians import Crossed, Pedestrian
+from pytest_rvads.scenarios.pedestrians import DIFFERENCES, Crossed, Pedestrian, Walk, turns, walks_of
 from pytest_rvads.scenarios.selection import Selection
-from pytest_rvads.scenarios.walks import DIFFERENCES, Walk, turns, walks_of
 from pytest_rvads.support.errors import ScenarioError
 from tests.zebras import zebra
 

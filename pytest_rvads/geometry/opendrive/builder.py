@@ -17,8 +17,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from pytest_rvads.geometry.network import DeclaredJunction, Doubt, Edge, Network, facing
+from pytest_rvads.geometry.opendrive.centre_lines import sample_count
 from pytest_rvads.geometry.opendrive.draft import Draft, add_edges
-from pytest_rvads.geometry.opendrive.lanes import sample_count
 from pytest_rvads.geometry.opendrive.links import complete, link_roads, link_table, mend_joints, turn_links
 from pytest_rvads.geometry.opendrive.painted import painted
 from pytest_rvads.geometry.opendrive.reader import read

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from pytest_rvads.geometry.crosswalks import hull
 from pytest_rvads.geometry.network import Doubt, PaintedCrosswalk
+from pytest_rvads.geometry.opendrive.centre_lines import borders_at
 from pytest_rvads.geometry.opendrive.draft import Chain, Draft
-from pytest_rvads.geometry.opendrive.lanes import borders_at
 from pytest_rvads.geometry.opendrive.records import Road, pose_at
 from pytest_rvads.geometry.opendrive.signals import point_of
 from pytest_rvads.support.errors import MapError

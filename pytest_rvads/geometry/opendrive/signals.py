@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from pytest_rvads.geometry.control import MapObject, ObjectKind
 from pytest_rvads.geometry.network import Doubt
+from pytest_rvads.geometry.opendrive.centre_lines import borders_at
 from pytest_rvads.geometry.opendrive.draft import Chain, Draft
-from pytest_rvads.geometry.opendrive.lanes import borders_at
 from pytest_rvads.geometry.opendrive.records import Document, Road, Signal, pose_at
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.support.wording import plural

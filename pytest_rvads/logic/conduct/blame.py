@@ -27,8 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.geometry.control import JunctionControl, Sign
-from pytest_rvads.geometry.crosswalks import MODERATE, Crossing
-from pytest_rvads.geometry.line_of_sight import crosses
+from pytest_rvads.geometry.crosswalks import MODERATE, Crossing, hides
 from pytest_rvads.logic.conduct.blocks import tick_of
 from pytest_rvads.logic.conduct.cast import Cast, Cause, may_owe
 from pytest_rvads.logic.conduct.lane import off_lane
@@ -173,7 +172,7 @@ def _hurried_past(run: Run, vehicle: int, walker: int, place: float, tick: int) 
         eye, target = tuple(run.pose[now, vehicle, :2]), tuple(run.pose[now, walker, :2])
         for column, name, size in third_vehicles if station[now] < place else ():
             stands = run.here[now, column] and _stood(run, column, now, 0.0)
-            if stands and crosses(eye, target, tuple(run.pose[now, column]), size):
+            if stands and hides(eye, target, tuple(run.pose[now, column]), size):
                 return name if speed[now] > MODERATE else ""
     return ""
 

@@ -16,8 +16,8 @@ import numpy as np
 from pytest_rvads.geometry.control import ObjectKind
 from pytest_rvads.geometry.network import Doubt, MapWarning, Network, PaintedCrosswalk
 from pytest_rvads.geometry.opendrive.builder import read_network
+from pytest_rvads.geometry.opendrive.map_file import speed_of
 from pytest_rvads.geometry.opendrive.signals import STANDARD
-from pytest_rvads.geometry.opendrive.xmlfile import speed_of
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.satellites.lanelet2.lanelet_areas import Ground, listed
 from pytest_rvads.satellites.lanelet2.lanelet_network import Regulation, Rules, network_of

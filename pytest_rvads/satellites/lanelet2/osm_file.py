@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.geometry.opendrive.xmlfile import MAX_BYTES
+from pytest_rvads.geometry.opendrive.map_file import MAX_BYTES
 from pytest_rvads.support.errors import MapError
 from pytest_rvads.support.storage import XmlError, number_in, open_file, read_xml
 from pytest_rvads.support.wording import one_line

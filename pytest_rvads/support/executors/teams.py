@@ -14,8 +14,7 @@ from functools import partial
 from itertools import count
 from typing import Any, Generic, NamedTuple, TypeAlias, TypeVar
 
-from pytest_rvads.support.errors import RvadsError
-from pytest_rvads.support.tracebacks import located
+from pytest_rvads.support.errors import RvadsError, located
 from pytest_rvads.support.wording import one_line
 
 AHEAD = 4

@@ -11,7 +11,7 @@ import pytest
 from pytest_rvads.cli import main
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.runs.recordingfile import load_recording
-from pytest_rvads.satellites.tracks.aligning import misalignment_of
+from pytest_rvads.satellites.tracks.correcting import misalignment_of
 from pytest_rvads.satellites.tracks.importing import read_tracks
 
 from .drives import Drive, drive, write_csv
