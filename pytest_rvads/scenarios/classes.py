@@ -271,26 +271,6 @@ def label(code: Directions, lanes: Sequence[int] = ()) -> str:
     return "_".join(digits[end - count : end] for end, count in zip(ends, lanes, strict=True) if count)
 
 
-def rotations(code: Directions) -> tuple[Directions, ...]:
-    """Return the rotations of a scenario by 0, 1, ... arms; rotations of a symmetric scenario can be equal."""
-    return Orbits.plain(len(code)).turns(code)
-
-
-def representative(code: Directions) -> Directions:
-    """Return the lexicographically least rotation of a scenario."""
-    return Orbits.plain(len(code)).representative(code)
-
-
-def members(code: Directions) -> tuple[Directions, ...]:
-    """Return the distinct scenarios in the class of `code`, beginning with `code` and in the order of rotation."""
-    return Orbits.plain(len(code)).members(code)
-
-
-def seats(code: Directions) -> tuple[int, ...]:
-    """Return the occupied entrances of `code` that no symmetry of `code` maps to an earlier entrance, see `Orbits.seats`."""
-    return Orbits.plain(len(code)).seats(code)
-
-
 def count_scenarios(ways: int) -> int:
     """Return the number of full abstract scenarios, k^(k+1) with k = ways - 1 (paper, section 5.2)."""
     return Orbits.plain(ways).scenarios

@@ -13,11 +13,8 @@ from pytest_rvads.scenarios.classes import (
     classes,
     count_classes,
     count_scenarios,
-    members,
     parse,
-    representative,
     rotate,
-    rotations,
 )
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.support.errors import ScenarioError
@@ -36,7 +33,7 @@ def test_counts_are_those_published(ways: int, scenarios: int, number: int) -> N
 @pytest.mark.parametrize("ways", [3, 4, 5, 6])
 def test_classes_partition_the_scenarios(ways: int) -> None:
     everything = set(product(range(1, ways), repeat=ways))
-    seen = [member for first in classes(ways) for member in members(first)]
+    seen = [member for first in classes(ways) for member in Orbits.plain(ways).members(first)]
     assert len(seen) == len(everything) == count_scenarios(ways)
     assert set(seen) == everything
 
@@ -58,14 +55,14 @@ def test_classes_of_the_paper_have_their_numbers() -> None:
 def test_every_rotation_is_in_the_same_class(code: tuple[int, ...], rows: int) -> None:
     orbits = Orbits.plain(len(code))
     assert orbits.number(rotate(code, rows)) == orbits.number(code)
-    assert representative(rotate(code, rows)) == representative(code)
-    assert rotate(code, rows) in members(code)
+    assert orbits.representative(rotate(code, rows)) == orbits.representative(code)
+    assert rotate(code, rows) in orbits.members(code)
 
 
 @given(codes)
 @settings(derandomize=True, deadline=None)
 def test_rotation_moves_vehicles_and_keeps_their_directions(code: tuple[int, ...]) -> None:
-    for row, placed in enumerate(rotations(code)):
+    for row, placed in enumerate(Orbits.plain(len(code)).turns(code)):
         assert all(placed[(i + row) % len(code)] == code[i] for i in range(len(code)))
 
 
