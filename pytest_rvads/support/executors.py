@@ -17,11 +17,10 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence, S
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
-from functools import partial
 from itertools import count, islice
 from operator import call
 from queue import SimpleQueue
-from typing import Any, Generic, NamedTuple, TypeAlias, TypeVar
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 from pytest_rvads.support.errors import RvadsError, located
 from pytest_rvads.support.wording import one_line
@@ -60,31 +59,58 @@ class Part(NamedTuple):
 
 
 class Own:
-    """Workers that are processes of this computer, started by the package."""
+    """Processes that the package starts. They end when the calling process ends, even if it is killed, and ignore Ctrl-C."""
 
     def __init__(self, work: Callable[[Any], Any], processes: int) -> None:
         self.ahead = AHEAD * processes
-        self._tries = min(processes, 2)
-        """How often a part is lost before its jobs run alone; other processes can't have harmed the part of a single one."""
-        self._crew: Crew[bytes, list[Any]] = Crew(partial(_opener, _packed(work)), processes)
-        self.close, self.stop = self._crew.close, self._crew.stop
+        self._work, self._processes = _packed(work), processes
+        self._foreign_children = set(multiprocessing.active_children())
+        self._pool = self._hire(processes)
+
+    def _hire(self, processes: int) -> ProcessPoolExecutor:
+        return ProcessPoolExecutor(processes, initializer=_enter, initargs=(self._work,))
 
     def submit(self, part: Part) -> Future[list[Any]]:
-        """Submit a part."""
-        return self._crew.submit(_packed(part.jobs))
+        """Submit a part; if a process died, new processes are started first."""
+        jobs = _packed(part.jobs)
+        try:
+            return self._pool.submit(_do, jobs)
+        except BrokenProcessPool:
+            self._pool.shutdown()
+            self._pool = self._hire(self._processes)
+            return self._pool.submit(_do, jobs)
 
     def submits_again(self, part: Part, error: BaseException) -> bool:
-        """Return whether a part lost by `error` is submitted again; if not, each of its jobs is done alone in a process."""
+        """Return whether a part lost by `error` is submitted again; if not, each of its jobs is done alone in a process.
+
+        Only other processes can have harmed a part, so the part of a single process is not submitted again.
+        """
         if not isinstance(error, BrokenProcessPool):
             raise RvadsError(f"a job or its result can't be sent between processes: {_text_of(error)}") from error
-        return part.losses < self._tries
+        return part.losses < min(self._processes, 2)
 
     def alone(self, job: Any) -> Any:
         """Return the answer to a job that may kill its process."""
+        jobs, pool = _packed((job,)), self._hire(1)
         try:
-            return self._crew.alone(_packed((job,)))[0]
+            return pool.submit(_do, jobs).result()[0]
         except BrokenProcessPool:
             return _dead()
+        except KeyboardInterrupt:
+            self.stop()
+            raise
+        finally:
+            pool.shutdown()
+
+    def close(self) -> None:
+        """End the processes after all jobs are done."""
+        self._pool.shutdown()
+
+    def stop(self) -> None:
+        """End all processes at once."""
+        for process in set(multiprocessing.active_children()) - self._foreign_children:
+            process.terminate()
+        self._pool.shutdown(cancel_futures=True)
 
 
 class Foreign:
@@ -139,63 +165,17 @@ Team: TypeAlias = Own | Foreign
 """Either kind of workers; the attribute `ahead` of both is the largest number of parts that are submitted and not done."""
 
 
-class Crew(Generic[_Job, _Result]):
-    """Worker processes of the calling process. They end when the calling process ends, even if it is killed, and ignore Ctrl-C.
-
-    `begin` is called in each worker process, and returns the function that does the jobs.
-    """
-
-    def __init__(self, begin: Callable[[], Callable[[_Job], _Result]], processes: int) -> None:
-        self._begin, self._processes = begin, processes
-        self._foreign_children = set(multiprocessing.active_children())
-        self._pool = self._hire(processes)
-
-    def _hire(self, processes: int) -> ProcessPoolExecutor:
-        return ProcessPoolExecutor(processes, initializer=_enter, initargs=(self._begin,))
-
-    def submit(self, job: _Job) -> Future[_Result]:
-        """Submit a job; if a process died, new processes are started first."""
-        try:
-            return self._pool.submit(_do, job)
-        except BrokenProcessPool:
-            self._pool.shutdown()
-            self._pool = self._hire(self._processes)
-            return self._pool.submit(_do, job)
-
-    def alone(self, job: _Job) -> _Result:
-        """Return the result of a job in a separate process, so that only this job can kill the process."""
-        pool = self._hire(1)
-        try:
-            result: _Result = pool.submit(_do, job).result()
-        except KeyboardInterrupt:
-            self.stop()
-            raise
-        finally:
-            pool.shutdown()
-        return result
-
-    def close(self) -> None:
-        """End the processes after all jobs are done."""
-        self._pool.shutdown()
-
-    def stop(self) -> None:
-        """End all processes at once."""
-        for process in set(multiprocessing.active_children()) - self._foreign_children:
-            process.terminate()
-        self._pool.shutdown(cancel_futures=True)
-
-
 _doer: list[Callable[[Any], Any]] = []
 """The function that does the jobs, in a worker process."""
 
 
-def _enter(begin: Callable[[], Callable[[Any], Any]]) -> None:
+def _enter(work: bytes) -> None:
     for name in ("SIGINT", "SIGHUP"):  # the terminal interrupts all processes; the parent decides when workers end
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)  # the parent ends a worker by this signal
     threading.Thread(target=_watch, daemon=True).start()
-    _doer[:] = [begin()]
+    _doer[:] = [pickle.loads(work)]
 
 
 def _watch() -> None:
@@ -206,14 +186,8 @@ def _watch() -> None:
         os._exit(1)
 
 
-def _do(job: Any) -> Any:
-    return _doer[0](job)
-
-
-def _opener(work: bytes) -> Callable[[bytes], list[Any]]:
-    """Return the function that unpacks pickled jobs and does the jobs."""
-    function = pickle.loads(work)
-    return lambda packed: _answers(function, pickle.loads(packed))
+def _do(packed: bytes) -> list[Any]:
+    return _answers(_doer[0], pickle.loads(packed))
 
 
 def _answers(work: Callable[[Any], Any], jobs: Sequence[Any], _number: int = 0) -> list[Any]:
