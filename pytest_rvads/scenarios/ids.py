@@ -52,9 +52,8 @@ from pytest_rvads.geometry.crosswalks import Side
 from pytest_rvads.geometry.finder import called, find
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.scenarios.classes import parse, rotate
-from pytest_rvads.scenarios.configurations import configuration
+from pytest_rvads.scenarios.configurations import configuration, started
 from pytest_rvads.scenarios.pedestrians import Pedestrian
-from pytest_rvads.scenarios.placing import started
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.scenarios.senses import Senses
 from pytest_rvads.support.decoding import typed

@@ -13,9 +13,8 @@ from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.runs.itineraries import Itinerary, itinerary
 from pytest_rvads.runs.states import SLOT, Agent, SignalPlan, Vehicle
 from pytest_rvads.scenarios.classes import OCCUPANCIES, Directions, Orbits, label, parse, rotate
-from pytest_rvads.scenarios.configurations import explicit_label, per_entrance
+from pytest_rvads.scenarios.configurations import explicit_label, per_entrance, placed
 from pytest_rvads.scenarios.pedestrians import Pedestrian, Setting, cast_of, settings
-from pytest_rvads.scenarios.placing import placed
 from pytest_rvads.scenarios.senses import IDEAL, Senses
 from pytest_rvads.support.errors import ScenarioError, require
 from pytest_rvads.support.wording import shown

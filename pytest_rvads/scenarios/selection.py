@@ -19,9 +19,8 @@ from msgspec import structs
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.report.session_report import Extent
 from pytest_rvads.scenarios.classes import PAIRED, WAYS, Directions, Orbits, covering, pairs_at, rotate
-from pytest_rvads.scenarios.configurations import Configuration
+from pytest_rvads.scenarios.configurations import Configuration, near, started
 from pytest_rvads.scenarios.pedestrians import Pedestrian, Walk, cast_of, choices, least, turns
-from pytest_rvads.scenarios.placing import near, started
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.scenarios.senses import IDEAL, Senses
 from pytest_rvads.support.errors import ScenarioError

@@ -9,8 +9,7 @@ import pytest
 from pytest_rvads.geometry.finder import find, names
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.segment import Segment
-from pytest_rvads.scenarios.configurations import configuration
-from pytest_rvads.scenarios.placing import started
+from pytest_rvads.scenarios.configurations import configuration, started
 
 LATERAL, BRAKING = 2.5, 2.0
 """What the reference takes bends with, and brakes with before them [m/s^2]."""

@@ -15,8 +15,7 @@ from pytest_rvads.physics.engines import BulletWorld
 from pytest_rvads.runs.states import Vehicle
 from pytest_rvads.satellites.campaigns.town_plan import Plan, Request
 from pytest_rvads.scenarios.case import Case
-from pytest_rvads.scenarios.configurations import explicit
-from pytest_rvads.scenarios.placing import forks, near
+from pytest_rvads.scenarios.configurations import explicit, forks, near
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.scenarios.selection import Selection
 from pytest_rvads.session.collection.cells import Unfit, runs_of

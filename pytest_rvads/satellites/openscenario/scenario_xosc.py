@@ -32,8 +32,8 @@ from pytest_rvads.satellites.openscenario.xosc import Entity, Node, entities_of,
 from pytest_rvads.satellites.tracks.lightlog import lights_at
 from pytest_rvads.scenarios.case import Fleet
 from pytest_rvads.scenarios.classes import Orbits, rotate
+from pytest_rvads.scenarios.configurations import QUEUE_GAP, QUEUE_TIME
 from pytest_rvads.scenarios.ids import recalled
-from pytest_rvads.scenarios.placing import QUEUE_GAP, QUEUE_TIME
 from pytest_rvads.scenarios.scenario import Scenario, usual_duration
 from pytest_rvads.support.decoding import decode, encode
 from pytest_rvads.support.errors import RunError, ScenarioError, require

@@ -31,8 +31,8 @@ from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.ways import Key
 from pytest_rvads.runs.states import CLEARANCE, GREEN, SLOT, YELLOW
 from pytest_rvads.scenarios.classes import Directions, Orbits, pairs_at, rotate
+from pytest_rvads.scenarios.configurations import fastest_start
 from pytest_rvads.scenarios.pedestrians import Pedestrian, cast_of, least
-from pytest_rvads.scenarios.placing import fastest_start
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.support.errors import ScenarioError
 

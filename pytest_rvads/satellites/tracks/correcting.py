@@ -27,7 +27,7 @@ from pytest_rvads.geometry.opendrive.map_file import load, number
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.recording import Recording
 from pytest_rvads.runs.states import Kind
-from pytest_rvads.satellites.lanelet2.osm_file import mercator, read_osm
+from pytest_rvads.satellites.lanelet2.lanelet_map import mercator, read_osm
 from pytest_rvads.satellites.tracks.matching import STEP, Line, directions, evenly_spaced
 from pytest_rvads.satellites.tracks.samples import Log, Samples
 from pytest_rvads.support.errors import MapError, RunError

@@ -26,7 +26,7 @@ from pytest_rvads.runs.recording import Changes, Recording, Track
 from pytest_rvads.runs.run import Facts
 from pytest_rvads.runs.smoothing import DERIVED
 from pytest_rvads.runs.states import AXLE, Agent, Kind
-from pytest_rvads.satellites.lanelet2.osm_file import plane_of_utm, read_osm
+from pytest_rvads.satellites.lanelet2.lanelet_map import plane_of_utm, read_osm
 from pytest_rvads.satellites.tracks.correcting import faced, on_plane, with_headings
 from pytest_rvads.satellites.tracks.lightlog import lights_at, read_lights, signals_at, with_lights
 from pytest_rvads.satellites.tracks.logformats import Point, read_log
