@@ -1,4 +1,4 @@
-"""Concrete scenarios: an abstract scenario with distances, speeds and all other parameters of a run."""
+"""Concrete scenarios: an abstract scenario with distances, speeds, the cycle of the lights and all other parameters of a run."""
 
 from __future__ import annotations
 
@@ -18,6 +18,10 @@ from pytest_rvads.scenarios.pedestrians import Pedestrian, Setting, cast_of, set
 from pytest_rvads.scenarios.senses import IDEAL, Senses
 from pytest_rvads.support.errors import ScenarioError, require
 from pytest_rvads.support.wording import shown
+
+MOST_FOLLOWERS = 9
+"""Greatest number of vehicles that queue behind each vehicle."""
+_IN_IDS = re.compile(r"[A-Za-z0-9_.-]+")
 
 
 def cycle(place: Junction) -> float:
@@ -45,9 +49,6 @@ def usual_duration(place: Junction) -> float:
     and half a minute to leave after that.
     """
     return 60.0 if len(place.phase_groups) <= 2 else cycle(place) + 30.0
-
-
-_IN_IDS = re.compile(r"[A-Za-z0-9_.-]+")
 
 
 @dataclass(frozen=True, slots=True, init=False)
@@ -119,7 +120,9 @@ class Scenario:
                 or `place` is no junction.
         """
         require(place, Junction, "a scenario needs a junction, such as rvads.find('stop4')", ScenarioError)
-        walkers = checked_pedestrians(pedestrians)
+        if not (isinstance(pedestrians, Sequence) and all(isinstance(walker, Pedestrian) for walker in pedestrians)):
+            raise ScenarioError(f"pedestrians must be a list of rvads.Pedestrian(crossing, side, ...), got {pedestrians!r:.100}")
+        walkers = tuple(pedestrians)
         place = place.walked if walkers else place.unwalked
         cast_of(place, walkers)
         code = parse(directions)
@@ -144,7 +147,11 @@ class Scenario:
             raise ScenarioError(
                 f"subject must be an occupied entrance of {label(rotate(code, rotation), place.lanes)}, got {subject!r}"
             )
-        creation = tuple(range(count)) if order is None else checked_order(order, count)
+        creation = tuple(range(count)) if order is None else order
+        if not (
+            isinstance(creation, Sequence) and all(within(e, count) for e in creation) and sorted(creation) == [*range(count)]
+        ):
+            raise ScenarioError(f"order must name each of the entrances 0..{count - 1} once, got {order!r}")
         if configuration is None:
             configuration = explicit_label(distances, speeds)
         elif not (isinstance(configuration, str) and _IN_IDS.fullmatch(configuration)):
@@ -152,7 +159,7 @@ class Scenario:
         require(senses, Senses, "senses must be rvads.Senses(...)", ScenarioError)
         values = (
             *(place, code, distances, speeds, rotation, configuration),
-            *(float(duration), aggression, float(wait), subject, creation, senses, followers, elapsed, walkers),
+            *(float(duration), aggression, float(wait), subject, tuple(creation), senses, followers, elapsed, walkers),
         )
         for name, value in zip(self.__slots__, values, strict=True):
             object.__setattr__(self, name, value)
@@ -329,10 +336,6 @@ def _orbit(place: Junction, code: Directions) -> tuple[Orbits, int]:
     return Orbits.at(place, partial=True), 0
 
 
-MOST_FOLLOWERS = 9
-"""Greatest number of vehicles that queue behind each vehicle."""
-
-
 def within(value: object, count: int) -> bool:
     """Return whether `value` is a whole number of 0 or more below `count`."""
     return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < count
@@ -358,20 +361,6 @@ def check_directions(place: Junction, placed: Directions) -> None:
                 place.leads(entrance, direction)
             except ScenarioError as refused:
                 raise ScenarioError(f"{refused}, and 0 is nobody, got {label(placed, place.lanes)!r}") from None
-
-
-def checked_pedestrians(pedestrians: object) -> tuple[Pedestrian, ...]:
-    """Return the pedestrians of a scenario as a tuple."""
-    if isinstance(pedestrians, Sequence) and all(isinstance(walker, Pedestrian) for walker in pedestrians):
-        return tuple(pedestrians)
-    raise ScenarioError(f"pedestrians must be a list of rvads.Pedestrian(crossing, side, ...), got {pedestrians!r:.100}")
-
-
-def checked_order(order: object, count: int) -> tuple[int, ...]:
-    """Return the order in which the vehicles of `count` entrances are created as a tuple."""
-    if isinstance(order, Sequence) and all(within(e, count) for e in order) and len({*order}) == len(order) == count:
-        return tuple(order)
-    raise ScenarioError(f"order must name each of the entrances 0..{count - 1} once, got {order!r}")
 
 
 def check_followers(followers: int) -> None:
