@@ -11,7 +11,7 @@ import os
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +34,6 @@ _KEYS = ("control", "arms", "approach")
 
 _PLACE = re.compile(r"nearest(?:\s+to)?\s*\(?\s*(?P<x>[-+.\deE]+)\s*[,\s]\s*(?P<y>[-+.\deE]+)\s*\)?", re.IGNORECASE)
 _maps: dict[tuple[str, int, int], RoadMap] = {}
-_junctions: dict[tuple[tuple[str, int, int], str, str], Junction] = {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +122,7 @@ def find(junction: str, map: str | os.PathLike[str] | None = None) -> Junction:
     kinds = Kinds.parse(junction)
     if map is None:
         return _builtin(junction, kinds)
-    road_map, key = _load(map)
+    road_map = load(map)
     is_id = any(report.id == junction for report in road_map.junctions)
     if not is_id and (place := _PLACE.fullmatch(junction.strip())):
         return nearest(map, _coordinate(place["x"]), _coordinate(place["y"]))
@@ -133,14 +132,14 @@ def find(junction: str, map: str | os.PathLike[str] | None = None) -> Junction:
         if fitting is None:
             raise MapError(f"map file {road_map.path} has no usable junction that fits {junction!r}; {offer(road_map)}")
         id = fitting
-    return _junction(road_map, key, id, name_of(map, id))
+    return _junction(road_map, id, name_of(map, id))
 
 
 def nearest(map: str | os.PathLike[str], x: float, y: float) -> Junction:
     """Return the usable junction of `map` whose centre is nearest to the point (`x`, `y`) [m]."""
     if not (math.isfinite(x) and math.isfinite(y)):
         raise MapError(f"the point ({x!r}, {y!r}) is no place on a map, expected two finite coordinates in metres")
-    road_map, key = _load(map)
+    road_map = load(map)
     usable = [report for report in road_map.junctions if report.usable]
     if not usable:
         raise MapError(f"map file {map} has no usable junction; {offer(road_map)}")
@@ -150,7 +149,7 @@ def nearest(map: str | os.PathLike[str], x: float, y: float) -> Junction:
         return math.dist((x, y), (math.fsum(a.x for a in arms) / len(arms), math.fsum(a.y for a in arms) / len(arms)))
 
     id = min(usable, key=distance).id
-    return _junction(road_map, key, id, name_of(map, id))
+    return _junction(road_map, id, name_of(map, id))
 
 
 def called(name: str, map: str | os.PathLike[str]) -> Junction:
@@ -161,7 +160,15 @@ def called(name: str, map: str | os.PathLike[str]) -> Junction:
 
 def load(map: str | os.PathLike[str]) -> RoadMap:
     """Return the content of a map file. The file is read once per process, and again when the file has changed."""
-    return _load(map)[0]
+    try:
+        path = Path(map).resolve()
+        stat = path.stat()
+    except (OSError, ValueError, RuntimeError, TypeError):
+        return read_map(map)
+    key = str(path), stat.st_mtime_ns, stat.st_size
+    if key not in _maps:
+        _maps[key] = read_map(map)
+    return _maps[key]
 
 
 def name_of(map: str | os.PathLike[str], id: str) -> str:
@@ -193,32 +200,18 @@ def _builtin(junction: str, kinds: Kinds | None) -> Junction:
             f"others need a map file{suggest(junction, NAMES)}"
         )
     for name in NAMES if kinds else (junction,):
-        road_map, key = _load(path_of(name))
+        road_map = load(path_of(name))
         report = road_map.junctions[0]
         if not kinds or kinds.fit(report):
-            return replace(_junction(road_map, key, report.id, name), map=None)
+            return replace(_junction(road_map, report.id, name), map=None)
     raise MapError(
         f"no built-in junction fits {junction!r}: they are {', '.join(NAMES)}, with 120 m of approach; give a map file"
     )
 
 
-def _load(map: str | os.PathLike[str]) -> tuple[RoadMap, tuple[str, int, int]]:
-    try:
-        path = Path(map).resolve()
-        stat = path.stat()
-    except (OSError, ValueError, RuntimeError, TypeError):
-        return read_map(map), ("", 0, 0)
-    key = str(path), stat.st_mtime_ns, stat.st_size
-    if key not in _maps:
-        _maps[key] = read_map(map)
-    return _maps[key], key
-
-
-def _junction(road_map: RoadMap, key: tuple[str, int, int], id: str, name: str) -> Junction:
-    entry = key, id, name
-    if entry not in _junctions:
-        _junctions[entry] = road_map.junction(id, name=name)
-    return _junctions[entry]
+@cache
+def _junction(road_map: RoadMap, id: str, name: str) -> Junction:
+    return road_map.junction(id, name=name)
 
 
 def _coordinate(text: str) -> float:

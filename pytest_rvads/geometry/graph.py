@@ -280,26 +280,13 @@ def walk(graph: MetricGraph, start: str, *, upstream: bool, joints: Container[st
             if choice.id not in seen and gap <= GAP_LIMIT:
                 turn = abs(math.remainder(after.start_heading - before.end_heading, math.tau))
                 inside = math.fsum(edge.length for edge in (before, after) if edge.junction is not None)
-                bends.append((_Bend(round(turn, 3), gap, inside, (before.id, after.id)), choice.id))
+                # The smoothest transition sorts first. Lanes that part in a joint begin with the same heading, and the shortest of
+                # them is the lane that keeps its course.
+                bends.append((round(turn, 3), gap, inside, before.id, after.id, choice.id))
         if not bends:
             return way
-        way.append(min(bends)[1])
+        way.append(min(bends)[-1])
         seen.add(way[-1])
-
-
-class _Bend(NamedTuple):
-    """The transition from a lane to a next lane; the smoothest transition sorts first."""
-
-    turn: float
-    """Change of heading between the lanes [rad]."""
-    gap: float
-    """Gap between the lanes [m]."""
-    inside: float
-    """Length of the lanes in a joint, a junction that only joins two roads [m].
-
-    Lanes that part in a joint begin with the same heading; the lane that keeps its course is the shortest of these lanes.
-    """
-    ids: tuple[str, str]
 
 
 @dataclass(frozen=True, slots=True)

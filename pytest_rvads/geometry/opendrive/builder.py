@@ -29,7 +29,7 @@ from pytest_rvads.geometry.opendrive.draft import Chain, Draft, add_edges
 from pytest_rvads.geometry.opendrive.links import complete, link_roads, link_table, mend_joints, turn_links
 from pytest_rvads.geometry.opendrive.reader import read
 from pytest_rvads.geometry.opendrive.records import Document, JunctionRecord, Road, pose_at
-from pytest_rvads.geometry.opendrive.signals import attach, point_of
+from pytest_rvads.geometry.opendrive.signals import Attacher, point_of
 from pytest_rvads.support.errors import MapError
 
 MAX_SAMPLES = 1_500_000
@@ -78,7 +78,7 @@ def build(document: Document) -> Network:
     complete(draft)
     mend_joints(draft)
     left_hand = frozenset(road for road, left in _kept_sides(draft, leftward).items() if left)
-    objects = attach(draft, left_hand)
+    objects = Attacher(draft, left_hand).attach()
     arms = {road.id: road.arm for road in document.roads.values() if road.arm in document.roads}
     crosswalks = painted(draft)
     return Network(
