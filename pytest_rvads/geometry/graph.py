@@ -280,8 +280,7 @@ def walk(graph: MetricGraph, start: str, *, upstream: bool, joints: Container[st
             if choice.id not in seen and gap <= GAP_LIMIT:
                 turn = abs(math.remainder(after.start_heading - before.end_heading, math.tau))
                 inside = math.fsum(edge.length for edge in (before, after) if edge.junction is not None)
-                # The smoothest transition sorts first. Of lanes that part in a joint with the same heading, the shortest keeps its
-                # course.
+                # The smoothest transition sorts first. Of lanes that part in a joint, the shortest keeps its course.
                 bends.append((round(turn, 3), gap, inside, before.id, after.id, choice.id))
         if not bends:
             return way
