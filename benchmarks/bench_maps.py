@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from pytest_rvads.geometry.builtin import path_of
+from pytest_rvads.geometry.opendrive.map_file import path_of
 from pytest_rvads.geometry.road_map import describe, read_map
 from pytest_rvads.report.draw.map_picture import draw_map
 

@@ -14,8 +14,8 @@ from pytest_rvads.runs.readers import read_recorded
 from pytest_rvads.satellites.lgsvl import LgsvlLike
 from pytest_rvads.satellites.paper.experiment import TABLES, Setup, entries
 from pytest_rvads.scenarios.case import Case
+from pytest_rvads.scenarios.classes import Orbits
 from pytest_rvads.scenarios.configurations import configuration
-from pytest_rvads.scenarios.orbits import Orbits
 from pytest_rvads.scenarios.scenario import Scenario
 from studies.agreement import Mutant, Trial
 from studies.contact_cases import contact_cases

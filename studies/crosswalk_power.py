@@ -23,12 +23,12 @@ from pytest_rvads.logic.conduct.standing import TIE
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.satellites.starts.trials import Fault, fault_of
 from pytest_rvads.scenarios.case import Case
+from pytest_rvads.scenarios.classes import Orbits
 from pytest_rvads.scenarios.configurations import ARRIVALS, grid
-from pytest_rvads.scenarios.orbits import Orbits
+from pytest_rvads.scenarios.pedestrians import walks_of
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.scenarios.selection import Selection
 from pytest_rvads.scenarios.senses import IDEAL, Senses
-from pytest_rvads.scenarios.walks import walks_of
 from pytest_rvads.simulators.simulator import simulate
 from pytest_rvads.support.executors import Progress, spread
 from studies.mutants import AT_CROSSWALKS

@@ -8,9 +8,8 @@ from random import Random
 
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.physics.braking import vmax
-from pytest_rvads.scenarios.classes import classes, rotations
+from pytest_rvads.scenarios.classes import Directions, Orbits, classes
 from pytest_rvads.scenarios.configurations import Configuration, grid
-from pytest_rvads.scenarios.orbits import Directions
 from pytest_rvads.scenarios.scenario import Scenario
 
 Method = Callable[[str, int], Iterator[Scenario]]
@@ -41,7 +40,7 @@ def class_covering(junction: str, seed: int) -> Iterator[Scenario]:
 def uniform(junction: str, seed: int) -> Iterator[Scenario]:
     """Any of the 81 abstract scenarios in any configuration, with replacement."""
     random = Random(seed)
-    rows = [(code, r) for code in classes(4) for r, turned in enumerate(rotations(code)) if turned not in rotations(code)[:r]]
+    rows = [(code, row) for code in classes(4) for row in range(len(Orbits.plain(4).members(code)))]
     points = _points(junction)
     while True:
         code, row = random.choice(rows)

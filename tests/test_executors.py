@@ -18,8 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pytest_rvads.support.errors import RvadsError
-from pytest_rvads.support.executors import gathered, spread
-from pytest_rvads.support.executors.teams import ExecutorGone, Failed
+from pytest_rvads.support.executors import ExecutorGone, Failed, gathered, spread
 
 
 def square(number: int) -> int:

@@ -15,7 +15,7 @@ import pytest
 from pytest_rvads.geometry.road_map import read_map
 from pytest_rvads.satellites.lanelet2.commonroad import read_commonroad
 from pytest_rvads.satellites.lanelet2.lanelet_map import read_lanelet2
-from pytest_rvads.satellites.openscenario.xosctree import read_tree
+from pytest_rvads.satellites.openscenario.xosc import read_tree
 from pytest_rvads.satellites.tracks.lightlog import read_lights
 from pytest_rvads.satellites.tracks.logformats import read_log
 from pytest_rvads.support.errors import MapError, RunError

@@ -15,7 +15,7 @@ from xml.etree.ElementTree import Element
 from pytest_rvads.geometry.control import JunctionControl, Sign, control_of, phase_groups
 from pytest_rvads.geometry.segment import Pose
 from pytest_rvads.geometry.turns import Turn
-from pytest_rvads.satellites.opendrive_writer.elements import (
+from pytest_rvads.satellites.opendrive_writer import (
     Lane,
     Post,
     add,

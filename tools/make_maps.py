@@ -1,7 +1,7 @@
 """The layouts of the built-in maps, which ``python -m tools.make_maps`` writes anew."""
 
-from pytest_rvads.geometry.builtin import path_of
 from pytest_rvads.geometry.control import JunctionControl, Sign
+from pytest_rvads.geometry.opendrive.map_file import path_of
 from tools.crossings import Layout, opendrive
 from tools.roundabouts import Roundabout, roundabout
 

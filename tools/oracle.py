@@ -32,8 +32,8 @@ from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.runs.recording import zones
 from pytest_rvads.satellites.paper.experiment import TABLES, Setup, entries, run_entry
 from pytest_rvads.scenarios.configurations import grid
+from pytest_rvads.scenarios.pedestrians import walks_of
 from pytest_rvads.scenarios.selection import Selection
-from pytest_rvads.scenarios.walks import walks_of
 
 SHARED = Path(__file__).parents[2] / "shared"
 DATA = Path(rvads.__file__).parent / "geometry" / "data"

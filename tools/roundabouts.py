@@ -14,7 +14,7 @@ from xml.etree.ElementTree import Element
 
 from pytest_rvads.geometry.control import JunctionControl, Sign
 from pytest_rvads.geometry.segment import Pose
-from pytest_rvads.satellites.opendrive_writer.elements import (
+from pytest_rvads.satellites.opendrive_writer import (
     Lane,
     Post,
     add,

@@ -25,9 +25,8 @@ from pytest_rvads.cli import (
     report_commands,
 )
 from pytest_rvads.cli.common import warn
-from pytest_rvads.support.errors import RvadsError
+from pytest_rvads.support.errors import RvadsError, located
 from pytest_rvads.support.installed import entries, load
-from pytest_rvads.support.tracebacks import located
 from pytest_rvads.support.wording import encode_all, page
 
 _GROUPS = {

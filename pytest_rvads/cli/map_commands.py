@@ -58,8 +58,7 @@ def declare(commands: Subparsers) -> None:
 
 def _classes(options: argparse.Namespace) -> int:
     from pytest_rvads.geometry.finder import find
-    from pytest_rvads.scenarios.classes import label
-    from pytest_rvads.scenarios.orbits import Orbits
+    from pytest_rvads.scenarios.classes import Orbits, label
     from pytest_rvads.support.errors import ScenarioError
 
     place = None if options.place.isdecimal() and not options.map else find(options.place, options.map)

@@ -33,8 +33,7 @@ from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Kind
 from pytest_rvads.satellites.pages.failure_page import failure_pages
 from pytest_rvads.satellites.pages.replay import Beside
-from pytest_rvads.support.executors import gathered
-from pytest_rvads.support.executors.teams import Failed
+from pytest_rvads.support.executors import Failed, gathered
 from pytest_rvads.support.storage import slug, write_file
 
 _SIZE = 4

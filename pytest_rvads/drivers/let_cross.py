@@ -16,8 +16,7 @@ from pytest_rvads.drivers.signs_and_lights import DRIVE, SET_OFF, WAIVER
 from pytest_rvads.drivers.spacing import CREEP, FIRM, FOLLOW, GAP, NEAR, STAND_OFF, stop_before, time_to
 from pytest_rvads.drivers.walking import WALKING
 from pytest_rvads.geometry.conflicts import Stretch
-from pytest_rvads.geometry.crosswalks import MODERATE, PERSON, SIDEWALK, Crossing, Side, half
-from pytest_rvads.geometry.line_of_sight import crosses
+from pytest_rvads.geometry.crosswalks import MODERATE, PERSON, SIDEWALK, Crossing, Side, half, hides
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.states import ENTRANCE, EXIT, JUNCTION, Colour, Kind, VehicleState
 
@@ -158,7 +157,7 @@ class AtCrosswalks:
             me = seen.me
             standing = [o for o in seen.others if o.speed < CREEP and o.kind is not Kind.PEDESTRIAN and o.entrance != me.entrance]
             hidden = any(
-                crosses((me.x, me.y), side.sidewalk, (o.x, o.y, o.heading), (o.length, o.width))
+                hides((me.x, me.y), side.sidewalk, (o.x, o.y, o.heading), (o.length, o.width))
                 for o in standing
                 for side in crosswalk.sides.values()
             )

@@ -10,8 +10,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pytest_rvads.support.errors import AutopilotError
-from pytest_rvads.support.tracebacks import located
+from pytest_rvads.support.errors import AutopilotError, located
 from pytest_rvads.support.wording import one_line
 
 if TYPE_CHECKING:

@@ -21,9 +21,8 @@ from pytest_rvads.geometry.control import (
     sign_setback_of,
     signs_of,
 )
-from pytest_rvads.geometry.graph import MetricGraph
+from pytest_rvads.geometry.graph import MetricGraph, Path, Route, paths_of, walk
 from pytest_rvads.geometry.network import Doubt, MapWarning, Network
-from pytest_rvads.geometry.paths import Path, Route, paths_of, walk
 from pytest_rvads.geometry.segment import GAP_LIMIT, join
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.geometry.ways import Key, Movement

@@ -14,9 +14,8 @@ from itertools import pairwise, product
 
 import numpy as np
 
-from pytest_rvads.geometry.graph import MetricGraph
+from pytest_rvads.geometry.graph import MetricGraph, Path, Route, walk
 from pytest_rvads.geometry.network import Edge, facing
-from pytest_rvads.geometry.paths import Path, Route, walk
 from pytest_rvads.geometry.segment import GAP_LIMIT
 
 FIRST = math.radians(-112.5)

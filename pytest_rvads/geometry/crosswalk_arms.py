@@ -21,9 +21,8 @@ from pytest_rvads.geometry.arms import MOST
 from pytest_rvads.geometry.conflicts import Line
 from pytest_rvads.geometry.control import ObjectKind, Sign
 from pytest_rvads.geometry.crosswalks import Crosswalk, covered, hull
-from pytest_rvads.geometry.graph import MetricGraph
+from pytest_rvads.geometry.graph import MetricGraph, Route, walk
 from pytest_rvads.geometry.network import Doubt, MapWarning, Network, PaintedCrosswalk
-from pytest_rvads.geometry.paths import Route, walk
 from pytest_rvads.geometry.segment import Pose, Segment, join
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.geometry.ways import CONFLICT_WIDTH, Key

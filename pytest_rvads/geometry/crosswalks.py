@@ -1,7 +1,8 @@
-"""Crosswalks of a junction, and the crossings: the ways of pedestrians over a crosswalk, from kerb to kerb.
+"""Crosswalks of a junction, and the ways that a junction has in addition if pedestrians walk there.
 
-A crosswalk lies over one arm. It has two crossings, one in each direction. The near side of a crosswalk is the side of the
-entrances of its arm: in right-hand traffic, the right side for a driver who comes to the junction on this arm.
+A crosswalk lies over one arm. It has two crossings, the ways of pedestrians from kerb to kerb in either direction, and a parking
+place beside its near side, before the painted area, where a parked vehicle hides pedestrians. The near side of a crosswalk is the
+side of the entrances of its arm: in right-hand traffic, the right side for a driver who comes to the junction on this arm.
 
 The stretch that a movement shares with a crossing surrounds the line on which pedestrians walk. The stretch that a crosswalk
 covers is the part of a movement inside the painted area.
@@ -9,18 +10,22 @@ covers is the part of a movement inside the painted area.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from itertools import pairwise, product
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.geometry.conflicts import Line, Stretch
+from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.segment import Segment, fixed
 from pytest_rvads.geometry.sweep import CAR
 from pytest_rvads.geometry.turns import Turn
-from pytest_rvads.geometry.ways import Key
+from pytest_rvads.geometry.ways import Entrance, Exit, Further, Key
 
 PERSON = 0.6
 """Diameter of a pedestrian [m]: a circle of radius 0.3 m, the larger end of the usual 0.25 to 0.3 m."""
@@ -165,3 +170,69 @@ def hull(points: NDArray[np.float64]) -> NDArray[np.float64]:
             side.append((x, y))
         corners += side[:-1]
     return np.array(corners).reshape(-1, 2)
+
+
+_BAY, _OFF = 8.0, 1.2
+"""Length of a parking place before a crosswalk, and the distance from the kerb to the middle of the place [m]."""
+
+
+def walking_ways(crosswalks: Sequence[Crosswalk], entrances: int, exits: int, *, left_hand: bool) -> tuple[Further, ...]:
+    """Return the ways in the order that `Junction.walked` describes."""
+    further: list[Further] = []
+    # The crossings, each with a stretch of sidewalk before and behind the roadway.
+    for number, side in product(range(len(crosswalks)), Side):
+        crosswalk = crosswalks[number]
+        points = crosswalk.path.points if side is Side.NEAR else crosswalk.path.points[::-1]
+        path = Segment(f"{crosswalk.id}.{side}", points)
+        (x, y, heading), (u, v, direction) = path.pose(0.0), path.pose(path.length)
+        back = np.array([SIDEWALK * math.cos(heading), SIDEWALK * math.sin(heading)])
+        on = np.array([SIDEWALK * math.cos(direction), SIDEWALK * math.sin(direction)])
+        sign = Sign.NONE if crosswalk.phase is None else Sign.LIGHTS
+        approach = Segment(f"{path.id}.from", np.array([np.array([x, y]) - back, (x, y)]))
+        road = Segment(f"{path.id}.to", np.array([(u, v), np.array([u, v]) + on]))
+        crossing = Crossing(entrances + len(further), exits + len(further), number, side, path.length, path)
+        start = Entrance(crosswalk.arm, sign=sign, phase=crosswalk.phase, approach=approach)
+        further.append(Further(crossing, start, Exit(crosswalk.arm, road=road)))
+    # The parking places beside the kerbs of the near sides, in the direction of vehicles that come to the junction. A parked
+    # vehicle stands on the approach of such a way.
+    for crosswalk in crosswalks:
+        x, y, across = crosswalk.path.pose(0.0)
+        heading = across + (math.pi / 2 if left_hand else -math.pi / 2)
+        ahead = np.array([math.cos(heading), math.sin(heading)])
+        kerb = np.array([x - _OFF * math.cos(across), y - _OFF * math.sin(across)])
+        along = (crosswalk.area - kerb) @ ahead
+        before, after = float(along.min()), float(along.max())
+        corners = [kerb + at * ahead for at in (before - _BAY, before, after, after + _BAY)]
+        names = ("bay", "beside", "behind")
+        place, beside, behind = (
+            Segment(f"{crosswalk.id}.{name}", np.array(ends)) for name, ends in zip(names, pairwise(corners), strict=True)
+        )
+        way = Parking(entrances + len(further), exits + len(further), beside.length, beside)
+        further.append(Further(way, Entrance(crosswalk.arm, approach=place), Exit(crosswalk.arm, road=behind)))
+    return tuple(further)
+
+
+def hides(
+    eye: tuple[float, float], target: tuple[float, float], front: tuple[float, float, float], size: tuple[float, float]
+) -> bool:
+    """Return whether the line between two points [m] crosses the rectangle of a body, by the clipping of Liang and Barsky.
+
+    The body is given by the centre of its front, x and y [m] and heading [rad], and by its length and width [m].
+    """
+    x, y, heading = front
+    length, width = size
+    cos, sin = math.cos(heading), math.sin(heading)
+    begin, end = 0.0, 1.0
+    (ax, ay), (bx, by) = ((px - x, py - y) for px, py in (eye, target))
+    ends = (
+        (ax * cos + ay * sin, bx * cos + by * sin, -length, 0.0),
+        (ay * cos - ax * sin, by * cos - bx * sin, -width / 2, width / 2),
+    )
+    for a, b, low, high in ends:
+        if a == b:
+            if not low <= a <= high:
+                return False
+            continue
+        enter, leave = sorted(((low - a) / (b - a), (high - a) / (b - a)))
+        begin, end = max(begin, enter), min(end, leave)
+    return begin <= end

@@ -1,6 +1,7 @@
-"""The Junction Finder: junctions by name, by map and id, by type, or by the nearest point; and the kinds of junctions.
+"""The Junction Finder: one junction by name, by map and id, by type or by the nearest point, and the choice of several junctions.
 
-A kind is given by control, number of arms, and length of approaches.
+Several junctions are all of a map, those of some kinds, or a sample. A kind is given by control, number of arms, and length of
+approaches.
 """
 
 from __future__ import annotations
@@ -8,19 +9,21 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
 from pytest_rvads.geometry.analysis import JunctionReport
 from pytest_rvads.geometry.arms import FEWEST, MOST
-from pytest_rvads.geometry.builtin import NAMES, path_of
+from pytest_rvads.geometry.conflicts import JunctionKind
 from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.opendrive.map_file import NAMES, path_of
 from pytest_rvads.geometry.road_map import RoadMap, read_map
 from pytest_rvads.support.errors import MapError, require, suggest
+from pytest_rvads.support.stratified import draw
 
 _TYPE = re.compile(
     r"(?P<ways>\d+)-way\s+(?P<control>(all-way\s+)?stops?|(traffic\s+)?lights?|none|uncontrolled|yields?|partial)"
@@ -31,7 +34,6 @@ _KEYS = ("control", "arms", "approach")
 
 _PLACE = re.compile(r"nearest(?:\s+to)?\s*\(?\s*(?P<x>[-+.\deE]+)\s*[,\s]\s*(?P<y>[-+.\deE]+)\s*\)?", re.IGNORECASE)
 _maps: dict[tuple[str, int, int], RoadMap] = {}
-_junctions: dict[tuple[tuple[str, int, int], str, str], Junction] = {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +122,7 @@ def find(junction: str, map: str | os.PathLike[str] | None = None) -> Junction:
     kinds = Kinds.parse(junction)
     if map is None:
         return _builtin(junction, kinds)
-    road_map, key = _load(map)
+    road_map = load(map)
     is_id = any(report.id == junction for report in road_map.junctions)
     if not is_id and (place := _PLACE.fullmatch(junction.strip())):
         return nearest(map, _coordinate(place["x"]), _coordinate(place["y"]))
@@ -130,14 +132,14 @@ def find(junction: str, map: str | os.PathLike[str] | None = None) -> Junction:
         if fitting is None:
             raise MapError(f"map file {road_map.path} has no usable junction that fits {junction!r}; {offer(road_map)}")
         id = fitting
-    return _junction(road_map, key, id, name_of(map, id))
+    return _junction(road_map, id, name_of(map, id))
 
 
 def nearest(map: str | os.PathLike[str], x: float, y: float) -> Junction:
     """Return the usable junction of `map` whose centre is nearest to the point (`x`, `y`) [m]."""
     if not (math.isfinite(x) and math.isfinite(y)):
         raise MapError(f"the point ({x!r}, {y!r}) is no place on a map, expected two finite coordinates in metres")
-    road_map, key = _load(map)
+    road_map = load(map)
     usable = [report for report in road_map.junctions if report.usable]
     if not usable:
         raise MapError(f"map file {map} has no usable junction; {offer(road_map)}")
@@ -147,7 +149,7 @@ def nearest(map: str | os.PathLike[str], x: float, y: float) -> Junction:
         return math.dist((x, y), (math.fsum(a.x for a in arms) / len(arms), math.fsum(a.y for a in arms) / len(arms)))
 
     id = min(usable, key=distance).id
-    return _junction(road_map, key, id, name_of(map, id))
+    return _junction(road_map, id, name_of(map, id))
 
 
 def called(name: str, map: str | os.PathLike[str]) -> Junction:
@@ -158,7 +160,15 @@ def called(name: str, map: str | os.PathLike[str]) -> Junction:
 
 def load(map: str | os.PathLike[str]) -> RoadMap:
     """Return the content of a map file. The file is read once per process, and again when the file has changed."""
-    return _load(map)[0]
+    try:
+        path = Path(map).resolve()
+        stat = path.stat()
+    except (OSError, ValueError, RuntimeError, TypeError):
+        return read_map(map)
+    key = str(path), stat.st_mtime_ns, stat.st_size
+    if key not in _maps:
+        _maps[key] = read_map(map)
+    return _maps[key]
 
 
 def name_of(map: str | os.PathLike[str], id: str) -> str:
@@ -190,32 +200,18 @@ def _builtin(junction: str, kinds: Kinds | None) -> Junction:
             f"others need a map file{suggest(junction, NAMES)}"
         )
     for name in NAMES if kinds else (junction,):
-        road_map, key = _load(path_of(name))
+        road_map = load(path_of(name))
         report = road_map.junctions[0]
         if not kinds or kinds.fit(report):
-            return replace(_junction(road_map, key, report.id, name), map=None)
+            return replace(_junction(road_map, report.id, name), map=None)
     raise MapError(
         f"no built-in junction fits {junction!r}: they are {', '.join(NAMES)}, with 120 m of approach; give a map file"
     )
 
 
-def _load(map: str | os.PathLike[str]) -> tuple[RoadMap, tuple[str, int, int]]:
-    try:
-        path = Path(map).resolve()
-        stat = path.stat()
-    except (OSError, ValueError, RuntimeError, TypeError):
-        return read_map(map), ("", 0, 0)
-    key = str(path), stat.st_mtime_ns, stat.st_size
-    if key not in _maps:
-        _maps[key] = read_map(map)
-    return _maps[key], key
-
-
-def _junction(road_map: RoadMap, key: tuple[str, int, int], id: str, name: str) -> Junction:
-    entry = key, id, name
-    if entry not in _junctions:
-        _junctions[entry] = road_map.junction(id, name=name)
-    return _junctions[entry]
+@cache
+def _junction(road_map: RoadMap, id: str, name: str) -> Junction:
+    return road_map.junction(id, name=name)
 
 
 def _coordinate(text: str) -> float:
@@ -223,3 +219,147 @@ def _coordinate(text: str) -> float:
         return float(text)
     except ValueError:
         raise MapError(f"{text!r} is no coordinate, expected two numbers such as in 'nearest to 52, 149'") from None
+
+
+EVERY = "*"
+"""The text with which a user requests all junctions of a map."""
+_FREE = "no two of its movements meet, so nobody has to give way there: ask for it by its id to drive there all the same"
+Map = str | os.PathLike[str] | None
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """A requested junction that scenarios can't use, or in which no two ways (paths through the junction) meet."""
+
+    junction: str
+    map: str | None
+    ways: int
+    """Number of arms."""
+    control: str
+    """Control of the junction; empty if the junction has no entrances."""
+    reason: str
+
+    @property
+    def name(self) -> str:
+        """Name of the junction in the ids of tests."""
+        return name_of(self.map, self.junction) if self.map else self.junction
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """The chosen junctions, and the requested junctions that were not chosen."""
+
+    junctions: tuple[Junction, ...]
+    """The junctions in the order of the request; those of a map in the order of its file."""
+    refused: tuple[Refused, ...]
+    passed_over: int
+    """Number of suitable junctions that were not chosen because of the limit."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Candidate:
+    """A suitable junction whose geometry is not yet cut from its map."""
+
+    map: Map
+    id: str
+    """Id in the map, or the name of a built-in junction."""
+    report: JunctionReport
+    alone: bool
+    """Whether the request named the junction itself, rather than several junctions."""
+
+
+def choose(
+    wanted: str | Iterable[str], map: Map = None, *, kinds: Kinds | None = None, limit: int | None = None, seed: int = 0
+) -> Choice:
+    """Return the requested junctions of a map, or of the built-in maps.
+
+    A text is an id in `map`, ``"*"`` for all junctions, a type such as "4-way stop" or "3-way lights with 40 m of approach" for
+    all junctions of this type, or a place such as "nearest to 52, 149" [m]. Without a map, a type gives the first built-in
+    junction of this type, as in `find`, because built-in junctions come in variants.
+    """
+    texts = (wanted,) if isinstance(wanted, str) or not isinstance(wanted, Iterable) else tuple(wanted)
+    for text in texts:
+        require(text, str, "choose takes names, ids or types of junctions as texts, such as '*' or '4-way stop'", MapError)
+    return choose_among([(text, map) for text in texts], kinds=kinds, limit=limit, seed=seed)
+
+
+def choose_among(
+    wanted: Iterable[tuple[str, Map]], *, kinds: Kinds | None = None, limit: int | None = None, seed: int = 0
+) -> Choice:
+    """Return the requested junctions, given as pairs of text and map; see `choose` for the other arguments."""
+    if limit is not None and (isinstance(limit, bool) or not isinstance(limit, int) or limit < 1):
+        raise MapError(f"limit must be a whole number of junctions, 1 or more, got {limit!r}")
+    requests = list(wanted)
+    if not requests:
+        raise MapError(f"no junction was asked for: name some, or take {EVERY!r} for all of a map")
+    candidates: dict[tuple[Map, str], _Candidate] = {}
+    refused: dict[tuple[Map, str], Refused] = {}
+    for text, map in requests:
+        for candidate in _candidates_of(text, map, kinds, refused):
+            candidates.setdefault((candidate.map, candidate.id), candidate)
+    if not candidates:
+        raise MapError(
+            f"none of {', '.join(repr(text) for text, _ in requests)} is of the kinds asked for ({kinds}): name others"
+        )
+    junctions = []
+    for candidate in candidates.values():
+        try:
+            place = find(candidate.id, candidate.map)
+            if place.kind is JunctionKind.CONFLICT_FREE and not candidate.alone:
+                raise MapError(_FREE)
+            junctions.append(place)
+        except MapError as error:
+            if candidate.alone:
+                raise
+            refused[candidate.map, candidate.id] = _refusal(candidate, str(error))
+    if not junctions:
+        raise MapError(f"no junction asked for can be used, the first of them: {next(iter(refused.values())).reason}")
+    drawn = some(junctions, limit, seed)
+    return Choice(drawn, tuple(refused.values()), len(junctions) - len(drawn))
+
+
+def some(junctions: Sequence[Junction], limit: int | None, seed: int) -> tuple[Junction, ...]:
+    """Return at most `limit` junctions, in order, drawn as evenly as possible from every kind: control and number of arms."""
+    if limit is None:
+        return tuple(junctions)
+
+    def kind(junction: Junction) -> tuple[str, ...]:
+        return (f"{junction.ways}-way {junction.control.value}",)
+
+    return tuple(draw(junctions, limit, seed, kind, lambda junction: junction.name))
+
+
+def _refusal(candidate: _Candidate, reason: str) -> Refused:
+    control = candidate.report.control.value if candidate.report.entrances else ""
+    return Refused(
+        candidate.id, None if candidate.map is None else os.fspath(candidate.map), candidate.report.ways, control, reason
+    )
+
+
+def _candidates_of(text: str, map: Map, kinds: Kinds | None, refused: dict[tuple[Map, str], Refused]) -> Iterator[_Candidate]:
+    """Yield the junctions of the given kinds that a text requests, and add the unusable junctions to `refused`."""
+    if map is None:
+        chosen = names() if text == EVERY else (find(text).name,)
+        for name in chosen:
+            report = load(path_of(name)).junctions[0]
+            if kinds is None or kinds.fit(report):
+                yield _Candidate(None, name, report, alone=text != EVERY)
+        return
+    road_map = load(map)
+    type = Kinds() if text == EVERY else Kinds.parse(text)
+    if type is None or any(report.id == text for report in road_map.junctions):
+        report = road_map.report(find(text, map).id)
+        if kinds is None or kinds.fit(report):
+            yield _Candidate(map, report.id, report, alone=True)
+        return
+    all_kinds, any_fits = [type, *([kinds] if kinds else [])], False
+    for report in road_map.junctions:
+        candidate = _Candidate(map, report.id, report, alone=False)
+        if all(kind.fit(report) for kind in all_kinds):
+            any_fits = True
+            yield candidate
+        elif report.reason is not None and all(kind.match(report) for kind in all_kinds):
+            refused[map, report.id] = _refusal(candidate, report.reason)
+    if not any_fits:
+        request = f"{text!r}{f' and is of the kinds asked for ({kinds})' if kinds else ''}"
+        raise MapError(f"map file {map} has no usable junction that fits {request}; {offer(road_map)}")

@@ -14,18 +14,15 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from pytest_rvads.geometry.builtin import NAMES, path_of
 from pytest_rvads.geometry.conflicts import JunctionKind, Line, Shared, Stretch, conflicts_of
 from pytest_rvads.geometry.control import JunctionControl, control_of
-from pytest_rvads.geometry.crosswalks import Crosswalk, covered
-from pytest_rvads.geometry.junction_digest import digest_of
-from pytest_rvads.geometry.opendrive.xmlfile import text_of
+from pytest_rvads.geometry.crosswalks import Crosswalk, covered, walking_ways
+from pytest_rvads.geometry.opendrive.map_file import NAMES, path_of, text_of
 from pytest_rvads.geometry.precedence import Precedence, Reason
 from pytest_rvads.geometry.segment import SPEED_LIMIT, Limits, Segment
 from pytest_rvads.geometry.sweep import CAR, Course, course_of, no_way
 from pytest_rvads.geometry.turns import Turn
-from pytest_rvads.geometry.walking_ways import walking_ways
-from pytest_rvads.geometry.ways import CONFLICT_WIDTH, Arm, Entrance, Exit, Further, Key, Movement, Way, centre_lines
+from pytest_rvads.geometry.ways import CONFLICT_WIDTH, Arm, Entrance, Exit, Further, Key, Movement, Way, centre_lines, digest_of
 from pytest_rvads.support.errors import MapError, ScenarioError
 from pytest_rvads.support.wording import shown
 
@@ -306,7 +303,8 @@ class Junction:
     @cached_property
     def digest(self) -> str:
         """SHA-256 of everything that a run or a verdict can depend on, including signs and centre lines, without names."""
-        return digest_of(**{f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("name", "id", "map")})
+        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("name", "id", "map", "crossings")}
+        return digest_of(**values, areas=[(walk.arm, walk.middle, walk.island, walk.area) for walk in self.crossings])
 
     def leads(self, entrance: int, direction: int) -> Movement:
         """Return the movement from `entrance` into symbolic direction `direction`, see `by_direction`.

@@ -22,11 +22,10 @@ from pytest_rvads.geometry.conflicts import Stretch
 from pytest_rvads.geometry.control import MapObject, ObjectKind, sign_of_arm
 from pytest_rvads.geometry.crosswalk_arms import lay
 from pytest_rvads.geometry.crosswalks import Crosswalk
-from pytest_rvads.geometry.graph import MetricGraph
+from pytest_rvads.geometry.graph import Locator, MetricGraph, Track, walk
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.network import DeclaredJunction, Doubt, Edge, MapWarning, Network, gathered
 from pytest_rvads.geometry.opendrive.builder import read_network
-from pytest_rvads.geometry.paths import Locator, Track, walk
 from pytest_rvads.geometry.precedence import Reason
 from pytest_rvads.geometry.segment import Segment, join
 from pytest_rvads.geometry.turns import turn_word
@@ -54,7 +53,7 @@ class RoadMap:
     """Per id of a junction with crosswalks, its crosswalks, arm by arm."""
 
     def walk(self, start: str, *, upstream: bool) -> list[str]:
-        """Return the edges from edge `start` to the next junction or the end of the road, see `pytest_rvads.geometry.paths`."""
+        """Return the edges from edge `start` to the next junction or the end of the road, see `pytest_rvads.geometry.graph`."""
         return walk(self.graph, start, upstream=upstream, joints=self.joints)
 
     @cached_property

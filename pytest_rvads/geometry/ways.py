@@ -1,4 +1,4 @@
-"""Ways through a junction, and the lanes at which ways start and end.
+"""Ways through a junction, the lanes at which ways start and end, and the digest of a junction, which is made of these.
 
 Arms are numbered counter-clockwise. Entrances and exits are lanes, numbered arm by arm and on each arm from the kerb. So in a
 junction with one lane per arm, entrances and exits have the number of their arm.
@@ -12,9 +12,14 @@ Every way ends at a numbered end: the exits have the first numbers, then come th
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import hashlib
+import json
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.segment import Pose, Segment
@@ -169,6 +174,58 @@ def centre_lines(
     """Return the centre lines of approaches, of movements in the order of their keys, and of exit roads; None if not known."""
     paths = (movements[key].path for key in sorted(movements))
     return (*(lane.approach for lane in entrances), *paths, *(lane.road for lane in exits))
+
+
+def digest_of(  # noqa: PLR0913 - the fields of a junction, by keyword
+    *,
+    entrances: Sequence[Entrance],
+    exits: Sequence[Exit],
+    movements: Mapping[Key, Movement],
+    right_of: Collection[tuple[int, int]],
+    opposite: Collection[tuple[int, int]],
+    left_hand: bool,
+    lane_width: float,
+    stated: Collection[tuple[Key, Key]],
+    joining: Collection[tuple[Key, Key]],
+    further: Sequence[Further],
+    areas: Sequence[tuple[int, float, float, NDArray[np.float64]]],
+) -> str:
+    """Return the digest of a junction, equal for junctions on which every case gives the same runs and verdicts.
+
+    `areas` are the painted areas of crosswalks: arm, middle and width of the island [m], and corners, shape ``(k, 2)`` [m].
+    """
+    known = centre_lines(entrances, exits, movements)
+    lines = [line for line in known if line is not None]
+    drivable = len(lines) == len(known)
+    lanes_in = [(e.arm, e.lane, e.sign, e.phase, e.setback) for e in entrances]
+    lanes_out = [(e.arm, e.lane) for e in exits]
+    ways = sorted((m.entrance, m.exit, m.turn, m.length) for m in movements.values())
+    relations = sorted(right_of), sorted(opposite)
+    # A rare property enters the digest only if the junction has the property. So a new property changes no digest of a
+    # junction without the property.
+    signs = [e.sign_setback for e in entrances] if any(e.sign_setback is not None for e in entrances) else None
+    unused = {"beyond": [e.beyond for e in entrances]} if any(e.beyond is not None for e in entrances) else None
+    joins = {"joining": sorted(joining)} if joining else None
+    limits = [line.limits for line in lines]
+    on_red = {"no_turn_on_red": [e.no_turn_on_red for e in entrances]} if any(e.no_turn_on_red for e in entrances) else None
+    beside = further and {
+        "further": [
+            (way.kind, way.turn, way.width, way.length, start.arm, start.sign, start.phase, start.setback, end.arm)
+            for way, start, end in further
+        ]
+    }
+    rare = [item for item in (signs, sorted(stated), joins, limits if any(limits) else None, beside, on_red, unused) if item]
+    sha = hashlib.sha256(json.dumps([lanes_in, lanes_out, ways, relations, left_hand, drivable, *rare]).encode())
+    if drivable:
+        sha.update(json.dumps([lane_width, [len(line.points) for line in lines]]).encode())
+        for line in lines:
+            sha.update(line.points.tobytes())
+        for way, start, end in further:
+            for part in (start.approach, way.path, end.road):
+                sha.update(b"-" if part is None else part.points.tobytes())
+        for *numbers, corners in areas if further else ():
+            sha.update(json.dumps(numbers).encode() + corners.tobytes())
+    return sha.hexdigest()
 
 
 def cross(

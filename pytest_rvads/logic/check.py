@@ -32,8 +32,7 @@ from pytest_rvads.logic.rules.book import RuleBook, current_book, get_rule, is_r
 from pytest_rvads.logic.rules.rule import LONGEST_TIE, Rule, shape_of
 from pytest_rvads.logic.telling.explain import tell
 from pytest_rvads.runs.run import Run, once
-from pytest_rvads.support.errors import RunError, RvadsError, require
-from pytest_rvads.support.tracebacks import located
+from pytest_rvads.support.errors import RunError, RvadsError, located, require
 from pytest_rvads.support.wording import one_line
 
 _QUIET = (Outcome.PASS, Outcome.NA)

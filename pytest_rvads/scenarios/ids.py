@@ -51,11 +51,9 @@ from pytest_rvads.drivers.traffic import DEFAULT
 from pytest_rvads.geometry.crosswalks import Side
 from pytest_rvads.geometry.finder import called, find
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.scenarios.classes import parse
-from pytest_rvads.scenarios.configurations import configuration
-from pytest_rvads.scenarios.orbits import rotate
+from pytest_rvads.scenarios.classes import parse, rotate
+from pytest_rvads.scenarios.configurations import configuration, started
 from pytest_rvads.scenarios.pedestrians import Pedestrian
-from pytest_rvads.scenarios.placing import started
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.scenarios.senses import Senses
 from pytest_rvads.support.decoding import typed
@@ -181,25 +179,12 @@ class _Record(msgspec.Struct, frozen=True):
 
 def recalled(record: Mapping[str, Any], place: Junction, where: str) -> Scenario:
     """Return the scenario that a record of `Scenario.record` describes."""
-    start = typed(dict(record), _Record, where, ScenarioError)
+    values = structs.asdict(typed(dict(record), _Record, where, ScenarioError))
+    values["distance"], values["speed"] = values.pop("distances"), values.pop("speeds")
     try:
-        return Scenario(
-            place,
-            start.directions,
-            distance=start.distances,
-            speed=start.speeds,
-            rotation=start.rotation,
-            configuration=start.configuration,
-            duration=start.duration,
-            aggression=start.aggression,
-            wait=start.wait,
-            subject=start.subject,
-            order=start.order,
-            senses=Senses(**start.senses),  # type: ignore[arg-type]
-            followers=start.followers,
-            elapsed=start.elapsed,
-            pedestrians=[Pedestrian(*structs.astuple(walker)) for walker in start.pedestrians],
-        )
+        values["senses"] = Senses(**values["senses"])
+        values["pedestrians"] = [Pedestrian(*structs.astuple(walker)) for walker in values["pedestrians"]]
+        return Scenario(place, **values)
     except TypeError as error:
         raise ScenarioError(f"{where}: the field 'senses' has a field that senses do not have: {error}") from error
     except ScenarioError as error:

@@ -1,7 +1,8 @@
-"""Concrete scenarios: an abstract scenario with distances, speeds and all other parameters of a run."""
+"""Concrete scenarios: an abstract scenario with distances, speeds, the cycle of the lights and all other parameters of a run."""
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields
@@ -10,27 +11,44 @@ from typing import Any
 
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.runs.itineraries import Itinerary, itinerary
-from pytest_rvads.runs.states import Agent, SignalPlan, Vehicle
-from pytest_rvads.scenarios.arguments import (
-    check_directions,
-    check_followers,
-    check_numbers,
-    check_rotation,
-    checked_order,
-    checked_pedestrians,
-    within,
-)
-from pytest_rvads.scenarios.classes import label, parse
-from pytest_rvads.scenarios.configurations import explicit_label, per_entrance
-from pytest_rvads.scenarios.orbits import OCCUPANCIES, Directions, Orbits, rotate
+from pytest_rvads.runs.states import SLOT, Agent, SignalPlan, Vehicle
+from pytest_rvads.scenarios.classes import OCCUPANCIES, Directions, Orbits, label, parse, rotate
+from pytest_rvads.scenarios.configurations import explicit_label, per_entrance, placed
 from pytest_rvads.scenarios.pedestrians import Pedestrian, Setting, cast_of, settings
-from pytest_rvads.scenarios.placing import placed
 from pytest_rvads.scenarios.senses import IDEAL, Senses
-from pytest_rvads.scenarios.signal_cycle import cycle, first_green, usual_duration
 from pytest_rvads.support.errors import ScenarioError, require
 from pytest_rvads.support.wording import shown
 
+MOST_FOLLOWERS = 9
+"""Greatest number of vehicles that queue behind each vehicle."""
 _IN_IDS = re.compile(r"[A-Za-z0-9_.-]+")
+
+
+def cycle(place: Junction) -> float:
+    """Return the duration of a cycle of the lights [s]; 0 at a junction without lights."""
+    return len(place.phase_groups) * SLOT
+
+
+def first_green(place: Junction, rotation: int) -> int:
+    """Return the number of the phase group with green at t = 0: the group of the entrance to which the rotation moves entrance 0.
+
+    With one lane per arm, a rotation by an odd number of arms swaps the two groups, as in the paper, even if the map
+    has other groups.
+    """
+    groups, count = place.phase_groups, len(place.entrances)
+    if place.one_lane_each:
+        return rotation % 2 if len(groups) > 1 else 0
+    moved = [frozenset((entrance + rotation) % count for entrance in group) for group in groups[:1]]
+    return next((groups.index(group) for group in moved if group in groups), 0)
+
+
+def usual_duration(place: Junction) -> float:
+    """Return the default duration of runs at a junction [s].
+
+    The duration is 60 s, or, with more than two phase groups, a cycle of the lights and 30 s. So every vehicle has green once,
+    and half a minute to leave after that.
+    """
+    return 60.0 if len(place.phase_groups) <= 2 else cycle(place) + 30.0
 
 
 @dataclass(frozen=True, slots=True, init=False)
@@ -102,7 +120,9 @@ class Scenario:
                 or `place` is no junction.
         """
         require(place, Junction, "a scenario needs a junction, such as rvads.find('stop4')", ScenarioError)
-        walkers = checked_pedestrians(pedestrians)
+        if not (isinstance(pedestrians, Sequence) and all(isinstance(walker, Pedestrian) for walker in pedestrians)):
+            raise ScenarioError(f"pedestrians must be a list of rvads.Pedestrian(crossing, side, ...), got {pedestrians!r:.100}")
+        walkers = tuple(pedestrians)
         place = place.walked if walkers else place.unwalked
         cast_of(place, walkers)
         code = parse(directions)
@@ -127,7 +147,11 @@ class Scenario:
             raise ScenarioError(
                 f"subject must be an occupied entrance of {label(rotate(code, rotation), place.lanes)}, got {subject!r}"
             )
-        creation = tuple(range(count)) if order is None else checked_order(order, count)
+        creation = tuple(range(count)) if order is None else order
+        if not (
+            isinstance(creation, Sequence) and all(within(e, count) for e in creation) and sorted(creation) == [*range(count)]
+        ):
+            raise ScenarioError(f"order must name each of the entrances 0..{count - 1} once, got {order!r}")
         if configuration is None:
             configuration = explicit_label(distances, speeds)
         elif not (isinstance(configuration, str) and _IN_IDS.fullmatch(configuration)):
@@ -135,7 +159,7 @@ class Scenario:
         require(senses, Senses, "senses must be rvads.Senses(...)", ScenarioError)
         values = (
             *(place, code, distances, speeds, rotation, configuration),
-            *(float(duration), aggression, float(wait), subject, creation, senses, followers, elapsed, walkers),
+            *(float(duration), aggression, float(wait), subject, tuple(creation), senses, followers, elapsed, walkers),
         )
         for name, value in zip(self.__slots__, values, strict=True):
             object.__setattr__(self, name, value)
@@ -310,3 +334,50 @@ def _orbit(place: Junction, code: Directions) -> tuple[Orbits, int]:
         if number := orbits.number(code):
             return orbits, number
     return Orbits.at(place, partial=True), 0
+
+
+def within(value: object, count: int) -> bool:
+    """Return whether `value` is a whole number of 0 or more below `count`."""
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < count
+
+
+def check_rotation(place: Junction, rotation: int) -> None:
+    """Check that a rotation keeps lanes, movements and signs of the junction."""
+    count, rows = len(place.entrances), Orbits.at(place).rows
+    if not within(rotation, count):
+        raise ScenarioError(f"rotation must be one of 0..{count - 1} for {count} entrances, got {rotation!r}")
+    if rotation not in rows:
+        raise ScenarioError(
+            f"rotation must be one of {', '.join(map(str, rows))}, by so many entrances junction {place.name!r} keeps its lanes, "
+            f"movements and signs, got {rotation}: give the directions as they stand on the map"
+        )
+
+
+def check_directions(place: Junction, placed: Directions) -> None:
+    """Check that every vehicle has a movement."""
+    for entrance, direction in enumerate(placed):
+        if direction and (entrance, direction) not in place.by_direction:
+            try:
+                place.leads(entrance, direction)
+            except ScenarioError as refused:
+                raise ScenarioError(f"{refused}, and 0 is nobody, got {label(placed, place.lanes)!r}") from None
+
+
+def check_followers(followers: int) -> None:
+    """Check that a number of followers is 0 to `MOST_FOLLOWERS`."""
+    if not within(followers, MOST_FOLLOWERS + 1):
+        raise ScenarioError(f"followers must be a whole number from 0 to {MOST_FOLLOWERS}, got {followers!r}")
+
+
+def check_numbers(duration: float | None, aggression: int, wait: float) -> None:
+    """Check a duration [s], an aggression and a wait [s]; a duration of None is the default."""
+    duration = 60.0 if duration is None else duration
+    if not (within(aggression, 4) and aggression):
+        raise ScenarioError(f"aggression must be 1, 2 or 3, got {aggression!r}")
+    for name, seconds in (("duration", duration), ("wait", wait)):
+        if isinstance(seconds, bool) or not isinstance(seconds, int | float):
+            raise ScenarioError(f"{name} must be a number of seconds, got {seconds!r}")
+    if not (math.isfinite(duration) and 0 < duration <= 3600):
+        raise ScenarioError(f"duration must lie above 0 and up to 3600 s, got {duration!r}")
+    if not (math.isfinite(wait) and wait >= 0):
+        raise ScenarioError(f"wait must be 0 s or more, got {wait!r}")

@@ -18,15 +18,11 @@ from msgspec import structs
 
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.report.session_report import Extent
-from pytest_rvads.scenarios.classes import PAIRED, covering, pairs_at
-from pytest_rvads.scenarios.configurations import Configuration
-from pytest_rvads.scenarios.forks import near
-from pytest_rvads.scenarios.orbits import WAYS, Directions, Orbits, rotate
-from pytest_rvads.scenarios.pedestrians import Pedestrian, cast_of
-from pytest_rvads.scenarios.placing import started
+from pytest_rvads.scenarios.classes import PAIRED, WAYS, Directions, Orbits, covering, pairs_at, rotate
+from pytest_rvads.scenarios.configurations import Configuration, near, started
+from pytest_rvads.scenarios.pedestrians import Pedestrian, Walk, cast_of, choices, least, turns
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.scenarios.senses import IDEAL, Senses
-from pytest_rvads.scenarios.walks import Walk, choices, least, turns
 from pytest_rvads.support.errors import ScenarioError
 
 CHOOSING = ("partial", *PAIRED)
@@ -59,7 +55,7 @@ class Selection:
     cover: str = "class"
     """One of `COVERS`."""
     occupancy: str = "arms"
-    """One of `pytest_rvads.scenarios.orbits.OCCUPANCIES`."""
+    """One of `pytest_rvads.scenarios.classes.OCCUPANCIES`."""
     classes: tuple[int, ...] | None = None
     """Class numbers; None for all classes."""
     scenarios: tuple[Directions, ...] | None = None

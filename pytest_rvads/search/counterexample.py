@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.scenarios.classes import label
-from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.scenarios.signal_cycle import usual_duration
+from pytest_rvads.scenarios.scenario import Scenario, usual_duration
 from pytest_rvads.support.errors import OpenObligation, RuleViolation
 
 

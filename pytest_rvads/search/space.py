@@ -10,7 +10,7 @@ from typing import Any, TypedDict
 
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.scenarios.arguments import check_numbers
+from pytest_rvads.scenarios.scenario import check_numbers
 from pytest_rvads.support.errors import ScenarioError, suggest
 
 NEAREST, FARTHEST = 0.3, 30.0

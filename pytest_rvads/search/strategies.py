@@ -25,7 +25,7 @@ from pytest_rvads.geometry.control import JunctionControl, Sign
 from pytest_rvads.geometry.finder import find, names
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.runs.states import Vehicle
-from pytest_rvads.scenarios.orbits import Directions, Orbits
+from pytest_rvads.scenarios.classes import Directions, Orbits
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.space import FARTHEST, NEAREST, Space, explored
 from pytest_rvads.simulators.simulator import Simulator, vmax

@@ -22,8 +22,7 @@ from pytest_rvads.session.collection.cells import RecordedCell
 from pytest_rvads.session.interrupts import OutOfTime
 from pytest_rvads.session.options import OPTIONS
 from pytest_rvads.session.plan import start
-from pytest_rvads.support.errors import RvadsError
-from pytest_rvads.support.tracebacks import in_own_code, located
+from pytest_rvads.support.errors import RvadsError, in_own_code, located
 from pytest_rvads.support.wording import named_error, printable, quoted
 
 if TYPE_CHECKING:

@@ -22,8 +22,7 @@ from pytest_rvads.session.interrupts import BUDGET, leave_in_time, put_off
 from pytest_rvads.session.options import OPTIONS
 from pytest_rvads.session.outputs import Outputs, totals
 from pytest_rvads.session.plan import Planner
-from pytest_rvads.support.errors import RvadsError
-from pytest_rvads.support.tracebacks import in_own_code, located
+from pytest_rvads.support.errors import RvadsError, in_own_code, located
 from pytest_rvads.support.wording import named_error, plural, printable
 
 if TYPE_CHECKING:

@@ -90,7 +90,7 @@ def _rate(config: pytest.Config, name: str, text: str) -> float:
 
 def _speed(_config: pytest.Config, name: str, text: str) -> float:
     """Return a speed limit [m/s]."""
-    from pytest_rvads.geometry.opendrive.xmlfile import speed_of
+    from pytest_rvads.geometry.opendrive.map_file import speed_of
 
     return speed_of(text, name)
 

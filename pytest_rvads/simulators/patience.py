@@ -29,8 +29,7 @@ from numbers import Real
 from types import FrameType, TracebackType
 from typing import Any, NamedTuple
 
-from pytest_rvads.support.errors import ScenarioError
-from pytest_rvads.support.tracebacks import place
+from pytest_rvads.support.errors import ScenarioError, place
 
 _TICK = 0.5
 """Longest time between two checks of the current runs [s]."""

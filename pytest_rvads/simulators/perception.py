@@ -7,8 +7,8 @@ from collections import deque
 from random import Random
 
 from pytest_rvads.drivers.interface import Command, Control, Observation
+from pytest_rvads.geometry.crosswalks import hides
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.geometry.line_of_sight import crosses
 from pytest_rvads.runs.itineraries import ENTRANCE_ZONE
 from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.states import Kind, VehicleState, Zone
@@ -56,9 +56,7 @@ def hidden(me: VehicleState, other: VehicleState, bodies: tuple[VehicleState, ..
     vehicles = [body for body in bodies if body.name not in (me.name, other.name) and body.kind is not Kind.PEDESTRIAN]
     cos, sin = math.cos(other.heading), math.sin(other.heading)
     points = [(other.x - back * cos, other.y - back * sin) for back in (0.0, 0.5 * other.length, other.length)]
-    return all(
-        any(crosses((me.x, me.y), point, (v.x, v.y, v.heading), (v.length, v.width)) for v in vehicles) for point in points
-    )
+    return all(any(hides((me.x, me.y), point, (v.x, v.y, v.heading), (v.length, v.width)) for v in vehicles) for point in points)
 
 
 def _blurred(state: VehicleState, junction: Junction, senses: Senses, along: float, across: float, faster: float) -> VehicleState:

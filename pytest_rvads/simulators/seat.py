@@ -25,8 +25,7 @@ from pytest_rvads.runs.states import Agent
 from pytest_rvads.scenarios.senses import IDEAL, Senses
 from pytest_rvads.simulators.patience import TooLate, watch
 from pytest_rvads.simulators.perception import Latency, Perception
-from pytest_rvads.support.errors import AutopilotError
-from pytest_rvads.support.tracebacks import place_of
+from pytest_rvads.support.errors import AutopilotError, place_of
 from pytest_rvads.support.wording import one_line, printable
 
 _LONGEST = 4096

@@ -42,7 +42,7 @@ def test_eight_ways_answer_at_once(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_pictures_are_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from pytest_rvads.geometry.builtin import path_of
+    from pytest_rvads.geometry.opendrive.map_file import path_of
 
     assert main(["classes", "3", "--svg", str(tmp_path / "c.svg")]) == 0
     assert main(["map", str(path_of("light4")), "--json", "--svg", str(tmp_path / "m.svg")]) == 0
@@ -255,7 +255,7 @@ ASCII = os.environ | {"PYTHONIOENCODING": "ascii", "PYTHONPATH": os.pathsep.join
     [["rules", "größer.rules"], ["rules"], ["map", "größe.xodr"], ["check", "→.npz"]],
 )
 def test_every_answer_can_be_written_in_every_encoding(arguments: list[str], tmp_path: Path) -> None:
-    from pytest_rvads.geometry.builtin import path_of
+    from pytest_rvads.geometry.opendrive.map_file import path_of
 
     rule = 'größer = forall a. G !(a@j)\n    title: "→ größer"\n'
     (tmp_path / "größer.rules").write_text(rule, encoding="utf-8")

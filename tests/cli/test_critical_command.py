@@ -13,7 +13,7 @@ import pytest
 
 import pytest_rvads as rvads
 from pytest_rvads.cli import main
-from pytest_rvads.geometry.builtin import path_of
+from pytest_rvads.geometry.opendrive.map_file import path_of
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.runs.run import Run

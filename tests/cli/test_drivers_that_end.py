@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from pytest_rvads.cli import main
-from pytest_rvads.geometry.builtin import path_of
+from pytest_rvads.geometry.opendrive.map_file import path_of
 
 START = "stop3-class00-as022-s2-cfgd20.00_20.00_24.08v00.00_08.00_08.00"
 MAP = str(path_of("stop3"))

@@ -8,7 +8,7 @@ import pytest
 
 from pytest_rvads.cli import main
 from pytest_rvads.cli.init_command import WORKFLOW
-from pytest_rvads.geometry.builtin import path_of
+from pytest_rvads.geometry.opendrive.map_file import path_of
 from tools.crossings import Layout, opendrive
 
 ROOT = Path(__file__).parents[2]

@@ -14,7 +14,7 @@ from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.road_map import read_map
 from pytest_rvads.logic.rules.book import rules_for
-from pytest_rvads.scenarios.placing import fastest_start
+from pytest_rvads.scenarios.configurations import fastest_start
 
 MAPS = Path(__file__).parents[3] / "shared" / "maps"
 FILES = ("Town04.xodr", "Town07.xodr", "intersection_3_5m_width_crosswalk.xodr", "lanelet2/*.osm", "commonroad/*.xml")

@@ -22,9 +22,8 @@ from pytest_rvads.logic.conduct.lane import leaves_room, off_lane, off_route, ro
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.states import Vehicle, Zone
 from pytest_rvads.scenarios.case import Case
-from pytest_rvads.scenarios.configurations import configuration
+from pytest_rvads.scenarios.configurations import configuration, started
 from pytest_rvads.scenarios.ids import from_id
-from pytest_rvads.scenarios.placing import started
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
 from tools.crossings import Layout, opendrive

@@ -11,8 +11,7 @@ from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.segment import NO_LIMIT, SPEED_LIMIT, Limits
 from pytest_rvads.runs.itineraries import itinerary
-from pytest_rvads.scenarios.configurations import configuration, explicit
-from pytest_rvads.scenarios.placing import started
+from pytest_rvads.scenarios.configurations import configuration, explicit, started
 
 
 def with_approaches(place: Junction, limits: Limits) -> Junction:

@@ -19,8 +19,7 @@ from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.runfile import save_run
 from pytest_rvads.runs.states import Colour, Zone
 from pytest_rvads.scenarios.case import Case
-from pytest_rvads.scenarios.configurations import configuration
-from pytest_rvads.scenarios.placing import started
+from pytest_rvads.scenarios.configurations import configuration, started
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
 from pytest_rvads.support.errors import RunError, ScenarioError

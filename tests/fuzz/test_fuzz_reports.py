@@ -20,8 +20,8 @@ from msgspec import structs
 
 from pytest_rvads.cli.map_commands import draw_classes
 from pytest_rvads.cli.report_commands import merge
-from pytest_rvads.geometry.builtin import path_of
 from pytest_rvads.geometry.finder import find
+from pytest_rvads.geometry.opendrive.map_file import path_of
 from pytest_rvads.geometry.road_map import read_map
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.conduct.kpis import kpis

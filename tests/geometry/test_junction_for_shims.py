@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from pytest_rvads.geometry.builtin import NAMES, path_of
 from pytest_rvads.geometry.finder import find
+from pytest_rvads.geometry.opendrive.map_file import NAMES, path_of
 from pytest_rvads.support.errors import MapError, ScenarioError
 
 

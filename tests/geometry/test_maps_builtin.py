@@ -7,9 +7,9 @@ from itertools import pairwise
 
 import pytest
 
-from pytest_rvads.geometry.builtin import path_of
 from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.geometry.finder import find, names
+from pytest_rvads.geometry.opendrive.map_file import path_of
 from pytest_rvads.geometry.road_map import read_map
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.runs.itineraries import Itinerary

@@ -7,9 +7,8 @@ from typing import Any
 
 import pytest
 
-from pytest_rvads.geometry.choosing import Choice, choose, choose_among
 from pytest_rvads.geometry.control import JunctionControl
-from pytest_rvads.geometry.finder import Kinds, find
+from pytest_rvads.geometry.finder import Choice, Kinds, choose, choose_among, find
 from pytest_rvads.support.errors import MapError
 from tools.crossings import Layout
 

@@ -11,11 +11,11 @@ import pytest
 from numpy.typing import NDArray
 
 from pytest_rvads.cli import main
-from pytest_rvads.geometry.builtin import path_of
 from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.geometry.crosswalks import hull
 from pytest_rvads.geometry.finder import find, names
 from pytest_rvads.geometry.network import Doubt
+from pytest_rvads.geometry.opendrive.map_file import path_of
 from pytest_rvads.geometry.road_map import describe, read_map
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.report.draw.map_picture import draw_map

@@ -7,9 +7,9 @@ from xml.etree import ElementTree
 import pytest
 
 from pytest_rvads.cli import main
-from pytest_rvads.geometry.builtin import path_of
 from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.geometry.network import Doubt, MapWarning, gathered
+from pytest_rvads.geometry.opendrive.map_file import path_of
 from pytest_rvads.geometry.road_map import describe, read_map
 from tools.crossings import Layout, opendrive
 

@@ -6,9 +6,9 @@ from xml.etree import ElementTree
 
 import pytest
 
-from pytest_rvads.geometry.builtin import path_of
 from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.finder import names
+from pytest_rvads.geometry.opendrive.map_file import path_of
 from pytest_rvads.geometry.road_map import read_map
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.report.draw.map_picture import draw_map

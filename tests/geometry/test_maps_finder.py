@@ -14,10 +14,9 @@ import pytest
 from pytest_rvads.cli import main
 from pytest_rvads.drivers.follower import Follower
 from pytest_rvads.drivers.interface import Observation
-from pytest_rvads.geometry.builtin import path_of
-from pytest_rvads.geometry.choosing import choose
 from pytest_rvads.geometry.control import JunctionControl
-from pytest_rvads.geometry.finder import find, load, names, nearest
+from pytest_rvads.geometry.finder import choose, find, load, names, nearest
+from pytest_rvads.geometry.opendrive.map_file import path_of
 from pytest_rvads.geometry.precedence import Reason
 from pytest_rvads.geometry.road_map import describe, read_map
 from pytest_rvads.logic.check import check

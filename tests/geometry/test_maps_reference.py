@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pytest_rvads.geometry.opendrive.lanes import lane_lines, line_warnings
+from pytest_rvads.geometry.opendrive.centre_lines import lane_lines, line_warnings
 from pytest_rvads.geometry.opendrive.records import Cubic, Lane, Road, Section, Shape, evaluate
 
 ALONG = np.linspace(0.0, 40.0, 81)

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from pytest_rvads.geometry.opendrive import xmlfile as document
-from pytest_rvads.geometry.opendrive.xmlfile import MAX_BYTES
+from pytest_rvads.geometry.opendrive import map_file as document
+from pytest_rvads.geometry.opendrive.map_file import MAX_BYTES
 from pytest_rvads.geometry.road_map import read_map
 from pytest_rvads.support.errors import MapError
 from tools.crossings import Layout, opendrive

@@ -10,7 +10,7 @@ import pytest
 import pytest_rvads as rvads
 from pytest_rvads.cli import main
 from pytest_rvads.geometry.finder import find
-from pytest_rvads.geometry.opendrive.xmlfile import speed_of
+from pytest_rvads.geometry.opendrive.map_file import speed_of
 from pytest_rvads.geometry.segment import NO_LIMIT, SPEED_LIMIT
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.support.errors import MapError

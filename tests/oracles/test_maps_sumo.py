@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from pytest_rvads.geometry.analysis import JunctionReport
 from pytest_rvads.geometry.finder import find
+from pytest_rvads.geometry.graph import Route
 from pytest_rvads.geometry.opendrive.draft import Chain
-from pytest_rvads.geometry.paths import Route
 from pytest_rvads.geometry.road_map import RoadMap, read_map
 from pytest_rvads.geometry.turns import Turn
 

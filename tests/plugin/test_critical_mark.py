@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.geometry.builtin import path_of
+from pytest_rvads.geometry.opendrive.map_file import path_of
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.runs.run import Run
 from pytest_rvads.satellites.starts.trials import Setting

@@ -224,7 +224,7 @@ def read_star(path: str | os.PathLike[str]) -> Network:
             "docs/maps.md": (("## What is read how\n", "\n- **Stars.** A `.star` file is OpenDRIVE.\n"),),
             "tests/satellites/test_star.py": '''"""Maps of the format star."""
 
-from pytest_rvads.geometry.builtin import path_of
+from pytest_rvads.geometry.opendrive.map_file import path_of
 from pytest_rvads.geometry.road_map import READERS
 
 
@@ -232,7 +232,7 @@ def test_file_of_the_format_is_read() -> None:
     assert len(READERS[".star"](path_of("stop4")).junctions) == 1
 ''',
         },
-        "from pytest_rvads.geometry.builtin import path_of; from pytest_rvads.geometry.road_map import READERS; "
+        "from pytest_rvads.geometry.opendrive.map_file import path_of; from pytest_rvads.geometry.road_map import READERS; "
         'READERS[".star"](path_of("stop4"))',
     ),
     "a log format": Change(

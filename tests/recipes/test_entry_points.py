@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import pytest_rvads
-from pytest_rvads.geometry.builtin import path_of
+from pytest_rvads.geometry.opendrive.map_file import path_of
 
 RVADS = [sys.executable, "-c", "from pytest_rvads.cli import main; raise SystemExit(main())"]
 PYTEST = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider"]

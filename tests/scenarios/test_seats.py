@@ -7,9 +7,8 @@ import pytest
 
 from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.geometry.finder import find
-from pytest_rvads.scenarios.classes import classes, count_scenarios, seats
+from pytest_rvads.scenarios.classes import Orbits, classes, count_scenarios, rotate
 from pytest_rvads.scenarios.configurations import grid
-from pytest_rvads.scenarios.orbits import rotate
 from pytest_rvads.scenarios.selection import Selection
 from pytest_rvads.support.errors import ScenarioError
 
@@ -22,7 +21,7 @@ def test_seats_of_classes_are_the_orbits_of_scenario_and_seat(ways: int) -> None
     """Counted by brute force: pairs (scenario, seat) up to rotation."""
     everything = product(product(range(1, ways), repeat=ways), range(ways))
     orbits = {min((rotate(code, r), (seat + r) % ways) for r in range(ways)) for code, seat in everything}
-    chosen = {(code, seat) for code in classes(ways) for seat in seats(code)}
+    chosen = {(code, seat) for code in classes(ways) for seat in Orbits.plain(ways).seats(code)}
     assert len(chosen) == len(orbits) == count_scenarios(ways)
     assert {min((rotate(code, r), (seat + r) % ways) for r in range(ways)) for code, seat in chosen} == orbits
 
@@ -34,6 +33,7 @@ def test_81_classes_in_an_x_and_8_in_a_t() -> None:
         chosen = list(Selection(PLACES[ways], C[ways], subject="all"))
         assert len(chosen) == count_scenarios(ways)
         assert {s.rotation for s in chosen} == {0}
+    seats = Orbits.plain(4).seats
     assert seats((1, 1, 1, 1)) == (0,)
     assert seats((1, 2, 1, 2)) == (0, 1)
     assert seats((1, 0, 0, 2)) == (0, 3), "nobody sits at an empty entrance"

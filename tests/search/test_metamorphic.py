@@ -10,7 +10,7 @@ import pytest
 
 import pytest_rvads as rvads
 from pytest_rvads.drivers.interface import Control, Observation
-from pytest_rvads.geometry.builtin import path_of
+from pytest_rvads.geometry.opendrive.map_file import path_of
 from pytest_rvads.satellites.relations.metamorphic import compare, equivalent
 from pytest_rvads.satellites.relations.relations import RELATIONS, Incomparable, Variant
 from pytest_rvads.satellites.relations.remap import broken_by, mirrored, moved, rotations_of

@@ -19,8 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.geometry.network import Doubt, Edge, MapWarning
-from pytest_rvads.geometry.opendrive.centre_lines import GAP_WARNING, TAPER, chained, unfolded
-from pytest_rvads.geometry.opendrive.lanes import LaneLine, lane_lines, line_warnings
+from pytest_rvads.geometry.opendrive.centre_lines import (
+    GAP_WARNING,
+    TAPER,
+    LaneLine,
+    chained,
+    lane_lines,
+    line_warnings,
+    unfolded,
+)
 from pytest_rvads.geometry.opendrive.records import Document, Road
 from pytest_rvads.geometry.segment import GAP_LIMIT, Limits
 

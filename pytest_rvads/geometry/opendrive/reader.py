@@ -13,6 +13,7 @@ from operator import itemgetter
 from xml.etree.ElementTree import Element
 
 from pytest_rvads.geometry.network import Doubt, MapWarning
+from pytest_rvads.geometry.opendrive.map_file import ARM, integer, limit_of, load, number
 from pytest_rvads.geometry.opendrive.records import (
     Connection,
     CrosswalkRecord,
@@ -26,7 +27,6 @@ from pytest_rvads.geometry.opendrive.records import (
     Shape,
     Signal,
 )
-from pytest_rvads.geometry.opendrive.xmlfile import ARM, integer, limit_of, load, number
 from pytest_rvads.geometry.segment import Limits
 from pytest_rvads.support.errors import MapError
 

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from pytest_rvads.geometry.control import MapObject, ObjectKind
 from pytest_rvads.geometry.network import Doubt
+from pytest_rvads.geometry.opendrive.centre_lines import borders_at
 from pytest_rvads.geometry.opendrive.draft import Chain, Draft
-from pytest_rvads.geometry.opendrive.lanes import borders_at
 from pytest_rvads.geometry.opendrive.records import Document, Road, Signal, pose_at
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.support.wording import plural
@@ -150,12 +150,9 @@ def _counts_from_kerb(document: Document) -> bool:
     )
 
 
-def attach(draft: Draft, left_hand: Container[str]) -> list[MapObject]:
-    """Return the signs, vehicle lights and stop lines of a draft with linked lanes: an object per signal and entrance."""
-    return _Attacher(draft, left_hand).attach()
+class Attacher:
+    """Assigns the signs, vehicle lights and stop lines of a draft with linked lanes to entrances."""
 
-
-class _Attacher:
     def __init__(self, draft: Draft, left_hand: Container[str]) -> None:
         self.draft = draft
         self.left_hand = left_hand
@@ -199,6 +196,7 @@ class _Attacher:
         return [id for _, id in reached if id not in inside]
 
     def attach(self) -> list[MapObject]:
+        """Return an object per signal and entrance."""
         objects: dict[tuple[ObjectKind, str, str, str], MapObject] = {}
         used, unused = list[str](), list[str]()
         for signal, kind, junction, edge in self._placed():

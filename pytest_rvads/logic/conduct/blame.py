@@ -28,8 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.geometry.control import JunctionControl, Sign
-from pytest_rvads.geometry.crosswalks import MODERATE, Crossing
-from pytest_rvads.geometry.line_of_sight import crosses
+from pytest_rvads.geometry.crosswalks import MODERATE, Crossing, hides
 from pytest_rvads.logic.conduct.blocks import Cast, tick_of
 from pytest_rvads.logic.conduct.lane import off_lane
 from pytest_rvads.logic.conduct.priority import HEADWAY, MIN_GAP, WINDOW, brakes_hard, owes, unhindered
@@ -180,8 +179,8 @@ def _hurried_past(run: Run, vehicle: int, walker: int, place: float, tick: int) 
             return ""
         eye, target = tuple(run.pose[now, vehicle, :2]), tuple(run.pose[now, walker, :2])
         for column, name, size in third_vehicles if run.need("station")[now, vehicle] < place else ():
-            hides = run.here[now, column] and _stood(run, column, now, 0.0)
-            if hides and crosses(eye, target, tuple(run.pose[now, column]), size):
+            standing = run.here[now, column] and _stood(run, column, now, 0.0)
+            if standing and hides(eye, target, tuple(run.pose[now, column]), size):
                 return name if run.need("speed")[now, vehicle] > MODERATE else ""
     return ""
 

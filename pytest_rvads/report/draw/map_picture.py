@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike
 
 from pytest_rvads.geometry.analysis import JunctionReport
 from pytest_rvads.geometry.control import JunctionControl, Sign
+from pytest_rvads.geometry.graph import walk
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.network import Edge, gathered
-from pytest_rvads.geometry.paths import walk
 from pytest_rvads.geometry.precedence import Reason
 from pytest_rvads.geometry.road_map import RoadMap
 from pytest_rvads.geometry.turns import UTURN, turn_word

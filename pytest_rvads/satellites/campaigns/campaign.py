@@ -33,8 +33,7 @@ from pytest_rvads.simulators.patience import choice
 from pytest_rvads.simulators.simulator import Simulator, meant
 from pytest_rvads.support.decoding import encode
 from pytest_rvads.support.errors import FormulaError, RvadsError, ScenarioError, require
-from pytest_rvads.support.executors import Progress, gathered
-from pytest_rvads.support.executors.teams import DIED, ExecutorGone, Failed
+from pytest_rvads.support.executors import DIED, ExecutorGone, Failed, Progress, gathered
 from pytest_rvads.support.installed import code, versions
 
 _MOST = 64

@@ -19,7 +19,7 @@ from pytest_rvads.cli.shared_options import again
 from pytest_rvads.drivers.interface import Factory
 from pytest_rvads.drivers.naming import stand_in
 from pytest_rvads.drivers.traffic import Policy, policy_name
-from pytest_rvads.geometry.choosing import choose
+from pytest_rvads.geometry.finder import choose
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.satellites.campaigns.town_plan import Plan, Request
 from pytest_rvads.satellites.starts.starts import Line, lines_at

@@ -20,8 +20,7 @@ from pytest_rvads.satellites.pages.failure_page import failure_pages
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators.simulator import Simulator, simulate
 from pytest_rvads.support.errors import RvadsError
-from pytest_rvads.support.executors import gathered
-from pytest_rvads.support.executors.teams import Failed
+from pytest_rvads.support.executors import Failed, gathered
 from pytest_rvads.support.storage import slug, write_file
 
 MOST = 100

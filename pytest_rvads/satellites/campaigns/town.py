@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
-from pytest_rvads.geometry.choosing import Choice, choose_among
-from pytest_rvads.geometry.finder import load, name_of
+from pytest_rvads.geometry.finder import Choice, choose_among, load, name_of
 from pytest_rvads.logic.outcome import Outcome, Tallied
 from pytest_rvads.report.outline import Picture
 from pytest_rvads.report.record import Record

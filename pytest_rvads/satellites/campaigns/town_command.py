@@ -111,8 +111,8 @@ def _asked(options: argparse.Namespace, driver: Any) -> tuple[Town, Simulator]:
     from pytest_rvads.geometry.control import JunctionControl
     from pytest_rvads.satellites.campaigns.town import Town
     from pytest_rvads.satellites.campaigns.town_plan import Request
-    from pytest_rvads.scenarios.arguments import check_followers
     from pytest_rvads.scenarios.configurations import grid
+    from pytest_rvads.scenarios.scenario import check_followers
     from pytest_rvads.simulators.simulator import meant, named
 
     subject = _subject(options.subject)

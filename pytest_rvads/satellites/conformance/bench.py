@@ -19,7 +19,7 @@ from pytest_rvads.logic.conduct.validate import damage
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.scenarios.case import Case
-from pytest_rvads.scenarios.orbits import Orbits
+from pytest_rvads.scenarios.classes import Orbits
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.patience import limits
 from pytest_rvads.simulators.simulator import Simulator, answered

@@ -16,13 +16,13 @@ import numpy as np
 from pytest_rvads.geometry.control import ObjectKind
 from pytest_rvads.geometry.network import Doubt, MapWarning, Network, PaintedCrosswalk
 from pytest_rvads.geometry.opendrive.builder import read_network
+from pytest_rvads.geometry.opendrive.map_file import speed_of
 from pytest_rvads.geometry.opendrive.signals import STANDARD
-from pytest_rvads.geometry.opendrive.xmlfile import speed_of
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.satellites.lanelet2.lanelet_areas import Ground, listed
+from pytest_rvads.satellites.lanelet2.lanelet_map import MAX_ELEMENTS, parsed
 from pytest_rvads.satellites.lanelet2.lanelet_network import Regulation, Rules, network_of
 from pytest_rvads.satellites.lanelet2.lanelets import Array, Bound, Lanelet, aligned, crosswalk_of, turned, with_centre_lines
-from pytest_rvads.satellites.lanelet2.osm_file import MAX_ELEMENTS, parsed
 from pytest_rvads.support.errors import MapError
 from pytest_rvads.support.storage import number_in
 from pytest_rvads.support.wording import one_line

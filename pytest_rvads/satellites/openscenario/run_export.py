@@ -18,8 +18,17 @@ from pytest_rvads.geometry.segment import Pose
 from pytest_rvads.logic.judging.verdicts import Verdict
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Vehicle, Zone
-from pytest_rvads.satellites.openscenario.document import Actor, Body, Document, body_of, mapped, phases_of_run, put_map
-from pytest_rvads.satellites.openscenario.writing import library, written
+from pytest_rvads.satellites.openscenario.document import (
+    Actor,
+    Body,
+    Document,
+    body_of,
+    library,
+    mapped,
+    phases_of_run,
+    put_map,
+    written,
+)
 from pytest_rvads.support.decoding import encode
 from pytest_rvads.support.errors import RunError, RvadsError, require
 from pytest_rvads.support.storage import write_file

@@ -28,8 +28,7 @@ from pytest_rvads.satellites.paper.experiment import (
     entries,
     judge,
 )
-from pytest_rvads.scenarios.classes import label, parse
-from pytest_rvads.scenarios.orbits import rotate
+from pytest_rvads.scenarios.classes import label, parse, rotate
 from pytest_rvads.support.executors import Progress, spread
 from pytest_rvads.support.wording import page
 

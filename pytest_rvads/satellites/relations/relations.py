@@ -23,9 +23,9 @@ from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.states import Agent
 from pytest_rvads.satellites.relations.remap import broken_by, mirrored, moved, rotations_of
 from pytest_rvads.scenarios.case import Case
-from pytest_rvads.scenarios.orbits import Orbits, rotate
-from pytest_rvads.scenarios.signal_cycle import first_green
-from pytest_rvads.scenarios.walks import turns
+from pytest_rvads.scenarios.classes import Orbits, rotate
+from pytest_rvads.scenarios.pedestrians import turns
+from pytest_rvads.scenarios.scenario import first_green
 
 MOTION = (137.0, -59.0, 0.3)
 """Translation x, y [m] and rotation [rad] of the map in the relation ``motion``."""

@@ -11,8 +11,8 @@ from xml.etree.ElementTree import Element, ElementTree
 
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.opendrive.map_file import load
 from pytest_rvads.geometry.opendrive.signals import LINE_RANGE
-from pytest_rvads.geometry.opendrive.xmlfile import load
 from pytest_rvads.support.errors import MapError
 
 Motion = tuple[float, float, float]

@@ -30,12 +30,10 @@ from pytest_rvads.geometry.crosswalks import Crossing, Side
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.ways import Key
 from pytest_rvads.runs.states import CLEARANCE, GREEN, SLOT, YELLOW
-from pytest_rvads.scenarios.classes import pairs_at
-from pytest_rvads.scenarios.orbits import Directions, Orbits, rotate
-from pytest_rvads.scenarios.pedestrians import Pedestrian, cast_of
-from pytest_rvads.scenarios.placing import fastest_start
+from pytest_rvads.scenarios.classes import Directions, Orbits, pairs_at, rotate
+from pytest_rvads.scenarios.configurations import fastest_start
+from pytest_rvads.scenarios.pedestrians import Pedestrian, cast_of, least
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.scenarios.walks import least
 from pytest_rvads.support.errors import ScenarioError
 
 LONGEST = 12.0

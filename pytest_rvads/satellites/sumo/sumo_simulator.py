@@ -24,7 +24,7 @@ from pytest_rvads.satellites.sumo.road_network import straight
 from pytest_rvads.satellites.sumo.sumo_process import acquire, release
 from pytest_rvads.satellites.sumo.sumo_world import SumoWorld, lone_departure
 from pytest_rvads.scenarios.case import Case
-from pytest_rvads.scenarios.forks import forks
+from pytest_rvads.scenarios.configurations import forks
 from pytest_rvads.scenarios.senses import Senses
 from pytest_rvads.simulators.loop import Loop, usual
 from pytest_rvads.support.errors import ScenarioError, needs, require

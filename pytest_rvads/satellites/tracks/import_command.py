@@ -21,7 +21,7 @@ from pytest_rvads.support.errors import RunError
 if TYPE_CHECKING:
     from pytest_rvads.geometry.ways import Key
     from pytest_rvads.runs.recording import Recording
-    from pytest_rvads.satellites.tracks.aligning import Misalignment
+    from pytest_rvads.satellites.tracks.correcting import Misalignment
     from pytest_rvads.satellites.tracks.importing import Intake
     from pytest_rvads.satellites.tracks.logformats import Point
     from pytest_rvads.satellites.tracks.samples import Log
@@ -171,7 +171,7 @@ def _aligned(
     log: Log, recorded: Callable[[Log], list[Recording]], intake: Intake, *, align: bool
 ) -> tuple[list[Recording], Misalignment]:
     """Return the recordings of a log, and by how much the tracks lie beside the lanes; with `align`, the tracks are corrected."""
-    from pytest_rvads.satellites.tracks.aligning import TOLERATED, misalignment_of
+    from pytest_rvads.satellites.tracks.correcting import TOLERATED, misalignment_of
 
     recordings = recorded(log)
     misalignment = misalignment_of(recordings)

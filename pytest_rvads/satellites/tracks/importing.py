@@ -26,16 +26,15 @@ from pytest_rvads.runs.recording import Changes, Recording, Track
 from pytest_rvads.runs.run import Facts
 from pytest_rvads.runs.smoothing import DERIVED
 from pytest_rvads.runs.states import AXLE, Agent, Kind
-from pytest_rvads.satellites.lanelet2.osm_file import plane_of_utm, read_osm
-from pytest_rvads.satellites.tracks.crossing_tracks import CrossingMatcher, track_on_foot
-from pytest_rvads.satellites.tracks.facing import faced, with_headings
-from pytest_rvads.satellites.tracks.geographic import on_plane
+from pytest_rvads.satellites.lanelet2.lanelet_map import plane_of_utm, read_osm
+from pytest_rvads.satellites.tracks.correcting import faced, on_plane, with_headings
 from pytest_rvads.satellites.tracks.lightlog import lights_at, read_lights, signals_at, with_lights
 from pytest_rvads.satellites.tracks.logformats import Point, read_log
 from pytest_rvads.satellites.tracks.matching import (
     NEVER,
     ONCE,
     STEP,
+    CrossingMatcher,
     Matched,
     Matcher,
     accuracy_of,
@@ -44,6 +43,7 @@ from pytest_rvads.satellites.tracks.matching import (
     linkage_of,
     noise_of,
     track_of,
+    track_on_foot,
 )
 from pytest_rvads.satellites.tracks.samples import Log, Samples
 from pytest_rvads.satellites.tracks.source import Watch

@@ -7,10 +7,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
-from pytest_rvads.satellites.tracks.commonroad_tracks import is_commonroad, read_commonroad_tracks
+from pytest_rvads.satellites.tracks.correcting import with_headings
 from pytest_rvads.satellites.tracks.csvfile import is_fcd_table, read_csv, read_ind, read_interaction
-from pytest_rvads.satellites.tracks.facing import with_headings
-from pytest_rvads.satellites.tracks.program_logs import read_carla, read_fcd, read_osi, read_rosbag
+from pytest_rvads.satellites.tracks.program_logs import (
+    is_commonroad,
+    read_carla,
+    read_commonroad_tracks,
+    read_fcd,
+    read_osi,
+    read_rosbag,
+)
 from pytest_rvads.satellites.tracks.samples import Log
 from pytest_rvads.satellites.tracks.source import Watch
 from pytest_rvads.satellites.tracks.table import PRESETS, is_table, read_table

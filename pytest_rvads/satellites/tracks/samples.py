@@ -150,12 +150,9 @@ class _Body:
 
 
 class Gather:
-    """Gathers the rows of a log into vehicles; a vehicle with a bad row is left out.
+    """Gathers the rows of a log into vehicles; a vehicle with a bad row is left out, or is an error if the reading is strict.
 
-    Args:
-        where: name of the log in messages.
-        columns: column of the log per field (`FIELDS`, ``size`` and ``id``), for messages.
-        strict: whether a bad row is an error.
+    `columns` has, for messages, the column of the log per field (`FIELDS`, ``size`` and ``id``).
     """
 
     def __init__(self, where: str, columns: Mapping[str, str], *, strict: bool = False) -> None:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.runs.states import Kind
-from pytest_rvads.satellites.tracks.facing import LEAST_AGREEMENT, agreement
+from pytest_rvads.satellites.tracks.correcting import LEAST_AGREEMENT, agreement
 from pytest_rvads.satellites.tracks.samples import Gather, Log, kind_of
 from pytest_rvads.support.errors import RunError, suggest
 from pytest_rvads.support.wording import one_line

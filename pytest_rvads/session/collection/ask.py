@@ -14,19 +14,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from pytest_rvads.drivers.traffic import DEFAULT, Policy
-from pytest_rvads.geometry.builtin import NAMES
-from pytest_rvads.geometry.choosing import EVERY, choose_among, some
-from pytest_rvads.geometry.finder import Kinds
+from pytest_rvads.geometry.finder import EVERY, Kinds, choose_among, some
 from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.opendrive.map_file import NAMES
 from pytest_rvads.logic.rules.book import claim, rules_for
 from pytest_rvads.logic.rules.rule import Rule
-from pytest_rvads.scenarios.arguments import check_followers, check_numbers
-from pytest_rvads.scenarios.classes import parse
+from pytest_rvads.scenarios.classes import OCCUPANCIES, parse
 from pytest_rvads.scenarios.configurations import ARRIVALS, Configuration, explicit, grid, outside, per_entrance, plain
-from pytest_rvads.scenarios.orbits import OCCUPANCIES
+from pytest_rvads.scenarios.pedestrians import walks_of
+from pytest_rvads.scenarios.scenario import check_followers, check_numbers
 from pytest_rvads.scenarios.selection import CHOOSING, COVERS, Selection
 from pytest_rvads.scenarios.senses import IDEAL, Senses
-from pytest_rvads.scenarios.walks import walks_of
 from pytest_rvads.session.collection.cells import NoRoom, Resolved, Selected
 from pytest_rvads.session.collection.extensions import Extensions
 from pytest_rvads.session.collection.misuse import beside, refuse_unknown, several

@@ -12,7 +12,7 @@ import pytest
 import pytest_rvads as rvads
 from pytest_rvads.cli import main
 from pytest_rvads.drivers.interface import Command, Observation
-from pytest_rvads.geometry.builtin import path_of
+from pytest_rvads.geometry.opendrive.map_file import path_of
 from pytest_rvads.geometry.road_map import read_map
 from pytest_rvads.report.draw.animated import animated
 from pytest_rvads.report.draw.map_picture import draw_map

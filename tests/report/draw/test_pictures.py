@@ -18,7 +18,7 @@ from pytest_rvads.report.draw.scene import Scene, picture
 from pytest_rvads.runs.run import Collision, Run
 from pytest_rvads.runs.states import Kind, Zone
 from pytest_rvads.satellites.pages.replay import events, replay
-from pytest_rvads.scenarios.classes import classes, members
+from pytest_rvads.scenarios.classes import Orbits, classes
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.support.errors import RunError
 from pytest_rvads.support.wording import printable
@@ -214,7 +214,7 @@ def test_a_run_without_positions_or_states_says_so(run: Run) -> None:
 
 @pytest.mark.parametrize("ways", [3, 4, 8])
 def test_the_figure_of_classes_has_a_movement_per_vehicle(ways: int) -> None:
-    rows = [(f"class{n}", members(code)) for n, code in zip(range(5), classes(ways), strict=False)]
+    rows = [(f"class{n}", Orbits.plain(ways).members(code)) for n, code in zip(range(5), classes(ways), strict=False)]
     document = ET.fromstring(draw_classes(ways, "title", rows))
     drawn = [p for p in document.iter(f"{SVG}path") if "marker-end" in p.attrib]
     key = ways - 1

@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 import pytest
 
 from pytest_rvads.cli import main
-from pytest_rvads.geometry.builtin import path_of
+from pytest_rvads.geometry.opendrive.map_file import path_of
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.files import load
 from pytest_rvads.report.session_report import Report

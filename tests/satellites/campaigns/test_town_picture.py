@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pytest_rvads.geometry.builtin import path_of
 from pytest_rvads.geometry.finder import load
+from pytest_rvads.geometry.opendrive.map_file import path_of
 from pytest_rvads.logic.outcome import Outcome, Tallied
 from pytest_rvads.satellites.campaigns.town_map import MarkedJunction, simplified, spot, town_picture
 

@@ -11,7 +11,7 @@ import pytest
 from pytest_rvads.cli import main
 from pytest_rvads.geometry.analysis import JunctionReport
 from pytest_rvads.geometry.road_map import RoadMap, read_map
-from pytest_rvads.satellites.lanelet2.osm_file import plane_of_utm, projected
+from pytest_rvads.satellites.lanelet2.lanelet_map import plane_of_utm, projected
 from pytest_rvads.support.errors import MapError
 
 from .lanelet_files import Crossing, Osm, place

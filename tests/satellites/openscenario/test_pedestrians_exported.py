@@ -9,7 +9,7 @@ import pytest
 import pytest_rvads as rvads
 from pytest_rvads.cli import main
 from pytest_rvads.drivers.interface import Command, Observation
-from pytest_rvads.geometry.builtin import path_of
+from pytest_rvads.geometry.opendrive.map_file import path_of
 from pytest_rvads.runs.run import Run
 from pytest_rvads.satellites.openscenario.xosc import read_trajectories
 from pytest_rvads.support.errors import ScenarioError

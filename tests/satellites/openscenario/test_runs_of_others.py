@@ -9,10 +9,10 @@ import pytest
 
 import pytest_rvads as rvads
 from pytest_rvads.cli import main
-from pytest_rvads.geometry.builtin import path_of
+from pytest_rvads.geometry.opendrive.map_file import path_of
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.states import Colour, Kind
-from pytest_rvads.satellites.openscenario.xosctree import evaluate
+from pytest_rvads.satellites.openscenario.xosc import evaluate
 from pytest_rvads.support.errors import MapError, RunError
 
 STOP, LIGHT = rvads.find("stop4"), rvads.find("light4")

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import pytest_rvads as rvads
-from pytest_rvads.scenarios.orbits import Orbits
+from pytest_rvads.scenarios.classes import Orbits
 from pytest_rvads.support.errors import MapError, RvadsError, ScenarioError
 
 from .failures import TRUCK

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.geometry.builtin import NAMES
+from pytest_rvads.geometry.opendrive.map_file import NAMES
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.states import Colour, SignalPlan
 from pytest_rvads.satellites.sumo import road_network

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 import pytest_rvads as rvads
 from pytest_rvads.cli import main
-from pytest_rvads.geometry.builtin import path_of
 from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.geometry.finder import find
+from pytest_rvads.geometry.opendrive.map_file import path_of
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.recording import Recording, Track
 from pytest_rvads.runs.runfile import load_recording, save_recording

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from pytest_rvads.cli import main
-from pytest_rvads.geometry.builtin import path_of
 from pytest_rvads.geometry.finder import find, load
 from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.opendrive.map_file import path_of
 from pytest_rvads.runs.readers import read_runs
 from pytest_rvads.runs.recording import Recording
 from pytest_rvads.runs.runfile import load_recording, load_run, save_recording

@@ -1,4 +1,7 @@
-"""Parsing OpenDRIVE files from unknown writers: size, depth, numbers and speeds are bounded, and every error is one sentence."""
+"""OpenDRIVE files: the built-in maps, and the parsing of files from unknown writers.
+
+Size, depth, numbers and speeds of a file are bounded, and every error is one sentence.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,28 @@ from pytest_rvads.geometry.segment import NO_LIMIT
 from pytest_rvads.support.errors import MapError
 from pytest_rvads.support.storage import XmlError, read_file, read_xml
 from pytest_rvads.support.wording import one_line
+
+NAMES = (
+    "stop4",
+    "stop3",
+    "light4",
+    "light3",
+    "paper_stop4",
+    "paper_light4",
+    "yield4",
+    "right4",
+    "lanes4",
+    "zebra4",
+    "walk4",
+    "roundabout4",
+)
+"""Names of the built-in maps, which `tools/make_maps.py` writes."""
+
+
+def path_of(name: str) -> Path:
+    """Return the OpenDRIVE file of the built-in map `name`."""
+    return Path(__file__).parents[1] / "data" / f"{name}.xodr"
+
 
 ARM = "rvads-arm"
 """Code of the ``<userData>`` in which a road names the first road of its arm, in files that the project wrote from lanelets."""
