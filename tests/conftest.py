@@ -42,7 +42,7 @@ for _name in (
     "hypothesis",
     "numpy.fft",
     "pytest_rvads.report.draw.scene",
-    "pytest_rvads.satellites.pages.failure_page",
+    "pytest_rvads.satellites.pages.replay",
     "pytest_rvads.report.terminal",
 ):
     import_module(_name)

@@ -22,10 +22,10 @@ from pytest_rvads.report.markdown import markdown
 from pytest_rvads.report.outline import outline
 from pytest_rvads.report.record import properties
 from pytest_rvads.report.session_report import Report
-from pytest_rvads.satellites.pages.page import page
 from pytest_rvads.support.decoding import decode, encode
 from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.installed import by_suffix
+from pytest_rvads.support.installed import load as installed
 from pytest_rvads.support.storage import read_file, write_file
 from pytest_rvads.support.wording import printable
 
@@ -186,7 +186,7 @@ def junit(report: Report) -> Iterator[str]:
 
 FORMATS: dict[str, Callable[[Report, Path], Any]] = {
     ".json": lambda report, _: _json(report),
-    ".html": page,
+    ".html": lambda report, folder: installed("pages", "report")(report, folder),
     ".md": lambda report, _: markdown(report),
     ".csv": lambda report, _: table(report),
     ".xml": lambda report, _: junit(report),

@@ -19,8 +19,8 @@ from pytest_rvads.report.markdown import section
 from pytest_rvads.report.matrix import Matrix
 from pytest_rvads.report.outline import Section
 from pytest_rvads.report.side_by_side import Shared, SideBySide, changed, differing
-from pytest_rvads.satellites.pages.page import rendered
 from pytest_rvads.support.decoding import encode
+from pytest_rvads.support.installed import load
 from pytest_rvads.support.wording import first, one_line, plural
 
 _TITLE = "rvads: sessions side by side"
@@ -196,7 +196,7 @@ def json_of(values: dict[str, Any]) -> str:
 
 
 _FORMATS: dict[str, Callable[[SideBySide, Path], str]] = {
-    ".html": lambda compared, folder: rendered(_TITLE, list(sections(compared)), {}, folder),
+    ".html": lambda compared, folder: load("pages", "blocks")(_TITLE, list(sections(compared)), {}, folder),
     ".md": lambda compared, _: _markdown(compared),
     ".json": lambda compared, _: json_of(content(compared)),
 }

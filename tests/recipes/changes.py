@@ -169,10 +169,10 @@ def plain_text(report: Report, _folder: Path) -> str:
 ''',
             "pytest_rvads/report/files.py": (
                 (
-                    "from pytest_rvads.satellites.pages.page import page\n",
+                    "from pytest_rvads.report.outline import outline\n",
                     "from pytest_rvads.report.plain_text import plain_text\n",
                 ),
-                ('    ".html": page,\n', '    ".plain": plain_text,\n'),
+                ('    ".html": lambda report, folder: installed("pages", "report")(report, folder),\n', '    ".plain": plain_text,\n'),
             ),
         },
         {"docs/sessions.md": (("`.html` and `.md` for people, ", "`.plain` for terminals, "),)},
