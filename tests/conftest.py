@@ -41,7 +41,7 @@ for _name in pytest_rvads.__all__:
 for _name in (
     "hypothesis",
     "numpy.fft",
-    "pytest_rvads.report.draw.scene",
+    "pytest_rvads.report.scene",
     "pytest_rvads.satellites.pages.replay",
     "pytest_rvads.report.terminal",
 ):

@@ -13,7 +13,7 @@ from pytest_rvads.logic.check import check, other_verdicts
 from pytest_rvads.logic.judging.verdicts import Verdict
 from pytest_rvads.logic.rules.book import get_rule
 from pytest_rvads.logic.rules.rule import Rule
-from pytest_rvads.report.draw.animated import animated
+from pytest_rvads.report.animated import animated
 from pytest_rvads.report.failures import Beside, earlier_run, facts, moment, summed, usual_rules
 from pytest_rvads.report.folders import INDEX, run_file
 from pytest_rvads.report.record import Record, RecordedItem

@@ -21,6 +21,8 @@ UNSELECTED = 1000
 """Rank of a planned cell without a record."""
 EXERCISED = -1
 """Rank of an exercised cell; the rank of any other cell with a record is the severity of its outcome."""
+TOGETHER = 0.5
+"""Longest time between the arrivals of two vehicles that arrive together [s]: the tie window `TIE` of the rulebook ``road``."""
 NEAR = 2.0
 """Two vehicles met if less than this time passed between their stays on a shared stretch [s]."""
 

@@ -14,9 +14,9 @@ from typing import NamedTuple
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.logic.rules.rule import Rule
-from pytest_rvads.report.draw.scene import picture
 from pytest_rvads.report.folders import run_file
 from pytest_rvads.report.record import Record, SimulatedItem, kept_run
+from pytest_rvads.report.scene import picture
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.runfile import load_run

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from typing import ClassVar, TypeAlias
 
 from pytest_rvads.report.counting import Counts
-from pytest_rvads.report.coverage import SIMULTANEOUS, Tried, pairs_tried, simultaneous
-from pytest_rvads.report.figures import LISTED, figures, makers, total
+from pytest_rvads.report.figures import LISTED, SIMULTANEOUS, Tried, figures, makers, pairs_tried, simultaneous, total
 from pytest_rvads.report.matrix import Matrices, Matrix
 from pytest_rvads.report.rollup import Sums, many, sums
 from pytest_rvads.report.session_report import Comparison, Report

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from pytest_rvads.logic.outcome import Outcome, Tallied, counted, told_in
-from pytest_rvads.report.counting import NEAR, Counts, Site
-from pytest_rvads.report.coverage import TOGETHER
+from pytest_rvads.report.counting import NEAR, TOGETHER, Counts, Site
 from pytest_rvads.support.wording import natural, plural
 
 FEW = 4

@@ -247,7 +247,7 @@ class Session:
 
     def _report(self, exitstatus: int, cut: bool) -> Report:
         """Return the report of the session; its exit status includes the baseline and the required coverage."""
-        from pytest_rvads.report.coverage import shortfall, untested
+        from pytest_rvads.report.figures import shortfall, untested
         from pytest_rvads.report.session_report import Report, in_order
         from pytest_rvads.support.installed import ENGINES, versions
 

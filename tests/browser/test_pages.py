@@ -13,8 +13,8 @@ from msgspec import structs
 
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
-from pytest_rvads.report.draw.scene import picture
 from pytest_rvads.report.record import Record, conclude, planned_record
+from pytest_rvads.report.scene import picture
 from pytest_rvads.report.session_report import Change, Comparison, Report, in_order
 from pytest_rvads.report.terminal import summary
 from pytest_rvads.runs.itineraries import Itinerary

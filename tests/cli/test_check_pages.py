@@ -15,8 +15,8 @@ from pytest_rvads.cli import main
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
-from pytest_rvads.report.draw.scene import picture
 from pytest_rvads.report.failures import failure_picture, moment
+from pytest_rvads.report.scene import picture
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.recording import Recording, Track
 from pytest_rvads.runs.run import Run

@@ -13,7 +13,7 @@ import msgspec
 import pytest
 
 from pytest_rvads.cli import main
-from pytest_rvads.report.draw.animated import animated
+from pytest_rvads.report.animated import animated
 from pytest_rvads.report.failures import Beside
 from pytest_rvads.report.folders import claimed, run_file
 from pytest_rvads.runs.run import Run

@@ -172,7 +172,7 @@ def plain_text(report: Report, _folder: Path) -> str:
                     "from pytest_rvads.report.outline import outline\n",
                     "from pytest_rvads.report.plain_text import plain_text\n",
                 ),
-                ('    ".html": lambda report, folder: installed("pages", "report")(report, folder),\n', '    ".plain": plain_text,\n'),
+                ('    ".xml": lambda report, _: junit(report),\n', '    ".plain": plain_text,\n'),
             ),
         },
         {"docs/sessions.md": (("`.html` and `.md` for people, ", "`.plain` for terminals, "),)},

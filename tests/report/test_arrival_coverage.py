@@ -20,7 +20,7 @@ from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.conduct.kpis import arrival_differences, kpis
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.report.counting import Counts, counts_of
-from pytest_rvads.report.coverage import SIMULTANEOUS, Tried, arrivals_line, pairs_tried, untested
+from pytest_rvads.report.figures import SIMULTANEOUS, Tried, arrivals_line, pairs_tried, untested
 from pytest_rvads.report.outline import Figures, outline
 from pytest_rvads.report.record import Record, conclude, of_run, planned_record
 from pytest_rvads.report.session_report import Report

@@ -17,7 +17,7 @@ import pytest_rvads as rvads
 from pytest_rvads.logic.conduct.kpis import kpis
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
 from pytest_rvads.logic.outcome import Outcome
-from pytest_rvads.report.coverage import SIMULTANEOUS
+from pytest_rvads.report.figures import SIMULTANEOUS
 from pytest_rvads.report.files import FORMATS, load, save
 from pytest_rvads.report.outline import Block, Causes, Changes, Figures, Head, RollUp, Verdicts, outline
 from pytest_rvads.report.record import (

@@ -29,9 +29,9 @@ from pytest_rvads.logic.outcome import MARKS, Outcome
 from pytest_rvads.logic.rules.book import get_rule
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.telling.story import bound_names
-from pytest_rvads.report.draw.scene import STYLE, Scene, body, inks, label, placed, size
-from pytest_rvads.report.draw.svg import Points
 from pytest_rvads.report.failures import TROUBLE, Beside, Page, moment, opening, troubles
+from pytest_rvads.report.scene import STYLE, Scene, body, inks, label, placed, size
+from pytest_rvads.report.svg import Points
 from pytest_rvads.runs.divergence import diverge
 from pytest_rvads.runs.run import ARRAYS, Collision, Run
 from pytest_rvads.runs.states import Colour, Zone
