@@ -6,7 +6,8 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
 
-from pytest_rvads.report.outline import FAILURES, Block, Causes, Changes, Figures, Head, Notes, RollUp, Section, Verdicts, outline
+from pytest_rvads.report.matrix import Matrix
+from pytest_rvads.report.outline import FAILURES, Block, Causes, Changes, Figures, Head, Notes, RollUp, Section, outline
 from pytest_rvads.report.rollup import WORST
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.support.wording import printable, quoted
@@ -40,7 +41,7 @@ def _fold_title(block: Block) -> str:
     if isinstance(block, Notes | Head | Changes | RollUp) or block.title == FAILURES:  # the length of sums is bounded
         return ""
     match block:
-        case Verdicts():
+        case Matrix():
             return "verdict tables"
         case Figures(title=title):
             return f"{title} and figures"
@@ -83,7 +84,7 @@ def _render(block: Block) -> Iterator[str]:
             for table in sums:
                 head = _table_row(table.columns), "|" + "".join("---|" if side == "left" else "---:|" for side in table.sides)
                 yield from ("", *_folded_markdown(head, [_table_row(table.cells(row)) for row in table.rows], f"{table.corner}s"))
-        case Verdicts(matrix):
+        case Matrix() as matrix:
             yield from (f"## {_escaped(matrix.title)}", "")
             columns = [f"{matrix.numbers.get(cfg, cfg)} {rule}".lstrip() for cfg, rule in matrix.columns]
             head = _table_row([matrix.corner, *columns]), "|---|" + "---|" * len(columns)

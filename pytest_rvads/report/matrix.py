@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter, defaultdict
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -85,6 +85,12 @@ class Matrix:
     def headings(self) -> list[str]:
         """Headings of the columns: configuration and rule, or the rule alone for recorded runs."""
         return [f"{cfg} {rule}".lstrip() for cfg, rule in self.columns]
+
+    def plain(self) -> Iterator[str]:
+        """Yield the verdicts as lines of text."""
+        for rows, entries in self.rows:
+            texts = (f"{column} {e.text}" for column, e in zip(self.headings, entries, strict=True) if e.text)
+            yield f"{self.corner} {rows}: {'; '.join(texts)}"
 
     def shortened(self, most: int) -> Matrix:
         """Return the matrix with at most `most` rows and short labels; rows with a failure are kept before other rows."""

@@ -23,7 +23,7 @@ from rich.text import Text
 
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.matrix import Matrix
-from pytest_rvads.report.outline import Block, Causes, Changes, Figures, Head, RollUp, Verdicts, outline
+from pytest_rvads.report.outline import Block, Causes, Changes, Figures, Head, RollUp, outline
 from pytest_rvads.report.rollup import WORST, Sums
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.support.wording import plural, printable
@@ -213,7 +213,7 @@ def summary(
 def summarise(report: Report, *, colour: bool, width: int, unicode: bool, full: bool, more: str, head: bool = True) -> Summary:
     """Return the summary of a report as text of a width [characters] in two parts: verdicts and causes."""
     verdicts, causes = (_Screen(colour, max(width, _NARROWEST), unicode, full, more) for _ in range(2))
-    tables: list[RollUp | Verdicts] = []
+    tables: list[RollUp | Matrix] = []
     later_blocks: list[Block] = []
     for block in outline(report, short=not full, tables=full):
         match block:
@@ -221,7 +221,7 @@ def summarise(report: Report, *, colour: bool, width: int, unicode: bool, full: 
                 verdicts.lines(block.plain(brief=not head))
             case Changes():
                 verdicts.changes(block)
-            case RollUp() | Verdicts():
+            case RollUp() | Matrix():
                 tables.append(block)
             case Causes(settled=False):
                 causes.lines([""] if causes.text() else [])
@@ -280,11 +280,11 @@ class _Screen:
             for line in wrapped(_fit(text, self._length), self._width, 4):
                 self._print_line(line)
 
-    def tables(self, table_blocks: Sequence[RollUp | Verdicts]) -> None:
+    def tables(self, table_blocks: Sequence[RollUp | Matrix]) -> None:
         """Render as many blocks of tables as fit on a screen, but at least one; blocks with failures come first."""
         tables: list[_Table] = []
         for block in table_blocks:
-            tables += self._sums_tables(block.sums) if isinstance(block, RollUp) else [self._matrix_table(block.matrix)]
+            tables += self._sums_tables(block.sums) if isinstance(block, RollUp) else [self._matrix_table(block)]
         # First blocks of all tables precede second blocks.
         ranked = sorted(
             (not wrong, table.wrong[:k].count(wrong), number, k)
@@ -405,13 +405,13 @@ def _fit(text: str, length: int = _LENGTH) -> str:
     return printable(text.replace("\n", " "), length)
 
 
-def legend(tables: Iterable[RollUp | Verdicts]) -> Iterator[str]:
+def legend(tables: Iterable[RollUp | Matrix]) -> Iterator[str]:
     """Yield explanations of the outcomes in the tables, such as NA, for readers who do not know the outcomes."""
     kinds: set[Outcome] = set()
     known = shares = summed = False
     for block in tables:
         match block:
-            case Verdicts(matrix):
+            case Matrix() as matrix:
                 entries = {entry for _, row in matrix.rows for entry in row if entry.outcome}
                 kinds |= {entry.outcome for entry in entries if entry.outcome and not entry.known}
                 known = known or any("xfail" in entry.text for entry in entries)

@@ -18,6 +18,7 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from operator import itemgetter
 
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
@@ -272,36 +273,17 @@ def _seat(record: Record) -> int | None:
     return record.seat if isinstance(record, SimulatedItem) else None
 
 
-def causes() -> ByCause:
-    """Return an empty collector that groups the records of unexpected failures by their cause."""
-    return ByCause(lambda record: record.failed)
+def _idle(record: Record) -> str | None:
+    without_verdict = not (record.failed or record.known or record.outcome == "passed" or record.status is Outcome.UNSURE)
+    return first_line(record) if without_verdict and record.message else None
 
 
-def provoked() -> ByCause:
-    """Return an empty collector that groups PROVOKED items by their cause: traffic, not the subject, is to blame."""
-    return ByCause(lambda record: record.status is Outcome.PROVOKED)
-
-
-def unavoidable() -> ByCause:
-    """Return an empty collector that groups UNAVOIDABLE test items by their cause, without items that failed."""
-    return ByCause(lambda record: record.status is Outcome.UNAVOIDABLE and not record.failed)
-
-
-def unsure() -> ByText:
-    """Return an empty collector that groups UNSURE test items by their doubts, without items that failed."""
-    return ByText(lambda record: hanging(record) if record.status is Outcome.UNSURE and not record.failed else None)
-
-
-def known() -> ByText:
-    """Return an empty collector that groups known failures by the reason that their xfail marks give."""
-    return ByText(lambda record: record.known or None)
-
-
-def idle() -> ByText:
-    """Return an empty collector that groups test items without a verdict (such as NA or NOT RUN) by their reason."""
-
-    def reason(record: Record) -> str | None:
-        without_verdict = not (record.failed or record.known or record.outcome == "passed" or record.status is Outcome.UNSURE)
-        return first_line(record) if without_verdict and record.message else None
-
-    return ByText(reason)
+causes = partial(ByCause, lambda record: record.failed)
+"""Makes a collector of unexpected failures by their cause."""
+provoked = partial(ByCause, lambda record: record.status is Outcome.PROVOKED)
+unavoidable = partial(ByCause, lambda record: record.status is Outcome.UNAVOIDABLE and not record.failed)
+unsure = partial(ByText, lambda record: hanging(record) if record.status is Outcome.UNSURE and not record.failed else None)
+known = partial(ByText, lambda record: record.known or None)
+"""Makes a collector of known failures by the reason that their xfail marks give."""
+idle = partial(ByText, _idle)
+"""Makes a collector of items without a verdict, such as NA or NOT RUN, by their reason."""

@@ -21,8 +21,8 @@ from markupsafe import Markup
 
 from pytest_rvads.logic.outcome import MARKS, Outcome
 from pytest_rvads.report.folders import STARTS, option, sessions
-from pytest_rvads.report.matrix import SAME, member_of, place_of
-from pytest_rvads.report.outline import FAILURES, LONG, Block, Causes, RollUp, Verdicts, outline
+from pytest_rvads.report.matrix import SAME, Matrix, member_of, place_of
+from pytest_rvads.report.outline import FAILURES, LONG, Block, Causes, RollUp, outline
 from pytest_rvads.report.record import Record, SimulatedItem
 from pytest_rvads.report.session_report import LISTED, Report
 from pytest_rvads.support.wording import printable, quoted
@@ -44,6 +44,7 @@ def page(report: Report, folder: Path, title: str = "rvads verdicts", pictures: 
     rolled = ""
     sums: list[dict[str, Any]] = []
     groups: list[dict[str, Any]] = []
+    matrices: list[dict[str, Any]] = []
     for block in blocks:
         if isinstance(block, RollUp):
             rolled += block.title
@@ -59,6 +60,13 @@ def page(report: Report, folder: Path, title: str = "rvads verdicts", pictures: 
                 for c in block.causes
             ]
             groups.append({"title": block.title, "failed": block.title == FAILURES, "causes": causes})
+        elif isinstance(block, Matrix):
+            labelled = [
+                (label, [(entry.text, entry.bad) for entry in entries], members)
+                for (label, entries), members in zip(block.rows, block.members, strict=True)
+            ]
+            names = {"title": block.title, "junction": block.junction, "corner": block.corner, "columns": block.columns}
+            matrices.append({**names, "numbers": block.numbers, "rows": labelled})
     session = _session_option(folder)
     content = {
         "items": [_item_data(record, folder, report, session) for record in records],
@@ -66,7 +74,7 @@ def page(report: Report, folder: Path, title: str = "rvads verdicts", pictures: 
         "sums": sums,
         "rolled": rolled,
         "causes": groups,
-        "matrices": [_matrix_data(block) for block in blocks if isinstance(block, Verdicts)],
+        "matrices": matrices,
         "statuses": {outcome: outcome.mark for outcome in Outcome.worst_first() if outcome in statuses},
     }
     starts = next((path for path in (folder / STARTS, folder.parent / STARTS) if path.is_file()), None)
@@ -84,14 +92,10 @@ def rendered(
     starts: str = "",
 ) -> str:
     """Return an HTML page for a folder: head, sections, pictures and figures of an outline; scripts show `data`."""
-    more: dict[str, Any] = {
-        "same": SAME,
-        "long": LONG,
-        "link": partial(_page_link, folder=folder),
-        "with_items": with_items,
-        "starts": starts,
-    }
-    return webpage("page.html", title, data, ("page.css", *sources), blocks=blocks, **more)
+    kinds = [(type(block).__name__, block) for block in blocks]
+    link = partial(_page_link, folder=folder)
+    flags = {"same": SAME, "long": LONG, "with_items": with_items, "starts": starts}
+    return webpage("page.html", title, data, ("page.css", *sources), blocks=kinds, link=link, **flags)
 
 
 def _page_records(report: Report) -> list[Record]:
@@ -109,22 +113,6 @@ def _page_records(report: Report) -> list[Record]:
 
     numbered_records = nsmallest(_ITEMS, ranked(), key=lambda row: row[:3])
     return [record for *_, record in sorted(numbered_records, key=lambda row: row[2])]
-
-
-def _matrix_data(block: Verdicts) -> dict[str, Any]:
-    matrix = block.matrix
-    rows = [
-        (label, [(entry.text, entry.bad) for entry in entries], members)
-        for (label, entries), members in zip(matrix.rows, matrix.members, strict=True)
-    ]
-    return {
-        "title": block.title,
-        "junction": matrix.junction,
-        "corner": matrix.corner,
-        "columns": matrix.columns,
-        "numbers": matrix.numbers,
-        "rows": rows,
-    }
 
 
 def _item_data(record: Record, folder: Path, report: Report, session: str) -> dict[str, Any]:
