@@ -11,7 +11,7 @@ from itertools import combinations
 from typing import Any, NamedTuple
 
 from pytest_rvads.logic.outcome import Outcome, Tallied
-from pytest_rvads.report.record import Record, RecordedItem, SimulatedItem
+from pytest_rvads.report.record import Computing, Record, RecordedItem, SimulatedItem
 from pytest_rvads.report.session_report import Cell, Move, Report, cell_of
 from pytest_rvads.runs.measured import PairKpis, VehicleKpis
 
@@ -43,16 +43,6 @@ EXTREMES: tuple[tuple[str, tuple[tuple[str, str, Callable[..., Any], str], ...]]
 )
 """Per line of extremes: its first word, and its indicators. An indicator is (heading, field of `Kpis`, min or max, unit)."""
 _PICKS = tuple((key, pick) for _, indicators in EXTREMES for _, key, pick, _ in indicators)
-
-
-class Computed:
-    """The computing times of a driver in another process."""
-
-    def __init__(self) -> None:
-        self.runs: set[str] = set()
-        """A run counts once, even if the stack drove several vehicles of the run."""
-        self.decisions, self.longest = 0, 0.0
-        self.seconds: list[float] = []
 
 
 class Counts:
@@ -88,8 +78,8 @@ class Counts:
         """By indicator, its extreme value, the entry with this value, and its record; of equal values, the first is kept."""
         self.contacts: dict[str, Outcome] = {}
         """The outcome of the rule on collisions, by run with a time to collision of 0."""
-        self.computed: defaultdict[str, Computed] = defaultdict(Computed)
-        """Computing times by stack."""
+        self.computed: defaultdict[str, list[tuple[str, Computing]]] = defaultdict(list)
+        """Runs with the computing times in them, by stack; a run with several vehicles of a stack has several."""
         self.excess: dict[str, tuple[int, float]] = {}
         """By run, the number of accelerations beyond the limits of the vehicle, and the largest [m/s^2]."""
         self.pairs: dict[Site, int] = {}
@@ -141,11 +131,7 @@ class Counts:
                 if value is not None and (known is None or pick(value, known[0]) != known[0]):
                     self.extremes[key] = value, entry, record
         for computing in (record.timing or {}).values():
-            computed = self.computed[computing.stack]
-            computed.runs.add(run)
-            computed.decisions += computing.decisions
-            computed.longest = max(computed.longest, computing.longest)
-            computed.seconds.append(computing.compute)
+            self.computed[computing.stack].append((run, computing))
         if record.excess:
             requests = sum(excess.requests for excess in record.excess.values())
             self.excess[run] = requests, max((excess.largest for excess in record.excess.values()), key=abs)

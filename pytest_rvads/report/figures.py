@@ -259,9 +259,11 @@ def _junctions(counts: Counts, _: bool) -> Iterator[str]:
 def _computing(counts: Counts, _: bool) -> Iterator[str]:
     """Yield a line per driver in another process: numbers of decisions and runs, mean and longest time of a decision."""
     for stack, computed in counts.computed.items():
-        mean = math.fsum(computed.seconds) / max(computed.decisions, 1)
-        extent = f"{plural(computed.decisions, 'decision')} in {plural(len(computed.runs), 'run')}"
-        yield f"{stack}: {extent}, {1000 * mean:.2g} ms each, {1000 * computed.longest:.2g} ms the longest"
+        decisions = sum(computing.decisions for _, computing in computed)
+        mean = math.fsum(computing.compute for _, computing in computed) / max(decisions, 1)
+        longest = max(0.0, *(computing.longest for _, computing in computed))
+        extent = f"{plural(decisions, 'decision')} in {plural(len({run for run, _ in computed}), 'run')}"
+        yield f"{stack}: {extent}, {1000 * mean:.2g} ms each, {1000 * longest:.2g} ms the longest"
 
 
 def _excess(counts: Counts, _: bool) -> Iterator[str]:

@@ -26,7 +26,6 @@ from xml.sax.saxutils import quoteattr
 
 import msgspec
 
-from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.markdown import markdown
 from pytest_rvads.report.outline import outline
 from pytest_rvads.report.record import Record, properties
@@ -266,10 +265,6 @@ def _spreadsheet_text(text: str) -> str:
     return f"'{safe_text}" if _FORMULA.match(text) and not _NUMBER.fullmatch(text) else safe_text
 
 
-_ERRORS = (Outcome.ERROR, Outcome.FLAKY, Outcome.NOT_JUDGED)
-"""Outcomes without a verdict on the rule of a test item."""
-
-
 def junit(report: Report) -> Iterator[str]:
     """Yield a report as JUnit XML, a case per item with its properties; that of a session is written by pytest itself."""
 
@@ -280,7 +275,7 @@ def junit(report: Report) -> Iterator[str]:
     yield '<?xml version="1.0" encoding="utf-8"?>\n<testsuites>\n<testsuite name="rvads">\n'
     for record in report.records:
         kind = "failure" if record.failed else "" if record.outcome == "passed" else "skipped"
-        kind = "error" if record.failed and record.status in _ERRORS else kind
+        kind = "error" if record.failed and record.status.meaning in ("error", "flaky") else kind
         end = f"<{kind} message={quoted(record.known or record.message or record.status)}/>" if kind else ""
         elements = "".join(f"<property name={quoted(key)} value={quoted(value)}/>" for key, value in properties(record))
         head = f"<testcase classname={quoted(record.junction)} name={quoted(record.nodeid)}>"

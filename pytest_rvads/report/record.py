@@ -336,8 +336,7 @@ def by_rule(run_record: Record) -> Iterator[Record]:
         result, requirements = verdict.outcome, (verdict.requirement,) if verdict.requirement else ()
         nodeid = f"{run_record.nodeid}-{verdict.rule}"
         start = kind(**shared | {"nodeid": nodeid, "rule": verdict.rule, "requirements": requirements})
-        idle = result in (Outcome.NA, Outcome.UNSURE, Outcome.NOT_RUN)
-        outcome = "failed" if result.bad else "skipped" if idle else "passed"
+        outcome = "failed" if result.bad else "skipped" if result.meaning == "idle" else "passed"
         error = Outcome.ERROR if result is Outcome.ERROR else None
         # The reason for a missing verdict has the same text for every rule, so that all such failures of a run have one cause.
         text = verdict.reason or verdict.message if error else verdict.message

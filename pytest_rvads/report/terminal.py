@@ -21,7 +21,7 @@ from rich.cells import cell_len, chop_cells
 from rich.console import Console
 from rich.text import Text
 
-from pytest_rvads.logic.outcome import Outcome
+from pytest_rvads.logic.outcome import EXPLANATIONS, Outcome
 from pytest_rvads.report.matrix import Matrix
 from pytest_rvads.report.outline import Block, Causes, Changes, Figures, Head, RollUp, outline
 from pytest_rvads.report.rollup import WORST, Sums
@@ -50,16 +50,6 @@ _NARROWEST = 20
 _RELATIVE = re.compile(r"(entrance|arm)\s+\+\d")
 """Matches an arm that a cause counts from the arm of another vehicle, so that the cause is the same for rotated scenarios."""
 _CHANGES = {"NEW": "bold red", "FIXED": "green", "ERODED": "yellow", "LOST": "yellow"}
-_MEANINGS = {
-    Outcome.NA: "the rule did not apply",
-    Outcome.UNAVOIDABLE: "nobody could have kept the rule",
-    Outcome.PROVOKED: "broken by the doing of the traffic, not of the vehicle under test",
-    Outcome.OPEN: "still owed at the end of the run",
-    Outcome.UNSURE: "the recording is not exact enough to tell",
-    Outcome.FLAKY: "the same start gave another run, or the same run another verdict",
-    Outcome.NOT_JUDGED: "the test judged nothing",
-}
-"""The explanations of outcomes in tables."""
 
 
 class Cell(NamedTuple):
@@ -424,6 +414,6 @@ def legend(tables: Iterable[RollUp | Matrix]) -> Iterator[str]:
         yield "wrong: runs with a failure that is not known, wrong at: junctions with such runs"
     if shares:
         yield "1/4: one of four items"
-    yield from (f"{kind.small}: {meaning}" for kind, meaning in _MEANINGS.items() if kind in kinds)
+    yield from (f"{kind.small}: {explanation}" for kind, explanation in EXPLANATIONS.items() if kind in kinds)
     if known:
         yield "known, xfail: a failure that the tests expect, by the reason that they give"
