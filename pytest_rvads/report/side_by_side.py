@@ -341,13 +341,6 @@ def _cut(lines: list[str], most: int | None) -> list[str]:
     return lines if more <= 0 else [*lines[:most], f"... and {more} more"]
 
 
-def _markdown(compared: SideBySide) -> str:
-    lines = [f"# {_TITLE}"]
-    for part in sections(compared):
-        lines += ["", *section(part)]
-    return "\n".join(lines) + "\n"
-
-
 def content(compared: SideBySide) -> dict[str, Any]:
     """Return a comparison as values of JSON; numbers of verdicts have their status, or ``known``, as key."""
     tables: list[dict[str, Any]] = []
@@ -381,7 +374,9 @@ def json_of(values: dict[str, Any]) -> str:
 
 _FORMATS: dict[str, Callable[[SideBySide, Path], str]] = {
     ".html": lambda compared, folder: load("pages", "blocks")(_TITLE, list(sections(compared)), {}, folder),
-    ".md": lambda compared, _: _markdown(compared),
+    ".md": lambda compared, _: "\n".join(
+        [f"# {_TITLE}", *(line for part in sections(compared) for line in ("", *section(part))), ""]
+    ),
     ".json": lambda compared, _: json_of(content(compared)),
 }
 """By the ending of a file, the function that renders the reports for a file in a folder."""

@@ -21,7 +21,7 @@ from rich.cells import cell_len, chop_cells
 from rich.console import Console
 from rich.text import Text
 
-from pytest_rvads.logic.outcome import EXPLANATIONS, Outcome
+from pytest_rvads.logic.outcome import EXPLANATIONS
 from pytest_rvads.report.matrix import Matrix
 from pytest_rvads.report.outline import Block, Causes, Changes, Figures, Head, RollUp, outline
 from pytest_rvads.report.rollup import WORST, Sums
@@ -291,26 +291,24 @@ class _Screen:
         hidden_tables = 0
         for number, table in enumerate(tables):
             parts = [k for k in range(len(table.parts)) if (number, k) in shown]
-            if parts or not table.parts:
-                self._print_table(table, parts)
-            hidden_tables += bool(table.parts and not parts)
+            if table.parts and not parts:
+                hidden_tables += 1
+                continue
+            if table.title:
+                self._print_line(table.title, "bold")
+            for k in parts:
+                for line in table.parts[k].lines:
+                    self._console.print(line, soft_wrap=True)
+            columns = sum(len(part.columns) for k, part in enumerate(table.parts) if k not in parts)
+            for left_out in filter(None, (table.hidden, plural(columns, "more column") if columns else "")):
+                self._print_paragraph(f"... and {left_out}: {self._more}")
+            for text in (*dict.fromkeys(text for k in parts for text in table.below[k]), ""):
+                self._print_line(text)
         if hidden_tables:
             self._print_line(f"... and {plural(hidden_tables, 'more table')}: {self._more}\n")
         if explanations := "; ".join(legend(table_blocks)):
             self._print_paragraph(explanations)
             self._print_line("")
-
-    def _print_table(self, table: _Table, parts: Sequence[int]) -> None:
-        if table.title:
-            self._print_line(table.title, "bold")
-        for k in parts:
-            for line in table.parts[k].lines:
-                self._console.print(line, soft_wrap=True)
-        columns = sum(len(part.columns) for k, part in enumerate(table.parts) if k not in parts)
-        for left_out in filter(None, (table.hidden, plural(columns, "more column") if columns else "")):
-            self._print_paragraph(f"... and {left_out}: {self._more}")
-        for text in (*dict.fromkeys(text for k in parts for text in table.below[k]), ""):
-            self._print_line(text)
 
     def _matrix_table(self, full_matrix: Matrix) -> _Table:
         matrix = full_matrix if self._full else full_matrix.shortened(_ROWS)
@@ -395,25 +393,15 @@ def _fit(text: str, length: int = _LENGTH) -> str:
     return printable(text.replace("\n", " "), length)
 
 
-def legend(tables: Iterable[RollUp | Matrix]) -> Iterator[str]:
+def legend(tables: Sequence[RollUp | Matrix]) -> Iterator[str]:
     """Yield explanations of the outcomes in the tables, such as NA, for readers who do not know the outcomes."""
-    kinds: set[Outcome] = set()
-    known = shares = summed = False
-    for block in tables:
-        match block:
-            case Matrix() as matrix:
-                entries = {entry for _, row in matrix.rows for entry in row if entry.outcome}
-                kinds |= {entry.outcome for entry in entries if entry.outcome and not entry.known}
-                known = known or any("xfail" in entry.text for entry in entries)
-                shares = shares or any("/" in entry.text for entry in entries)
-            case RollUp(sums):
-                summed = True
-                kinds |= {kind for table in sums for kind in table.kinds if kind}
-                known = known or any(None in table.kinds for table in sums)
+    entries = [entry for block in tables if isinstance(block, Matrix) for _, row in block.rows for entry in row]
+    summed = [table for block in tables if isinstance(block, RollUp) for table in block.sums]
+    kinds = {entry.outcome for entry in entries if not entry.known}.union(*(table.kinds for table in summed))
     if summed:
         yield "wrong: runs with a failure that is not known, wrong at: junctions with such runs"
-    if shares:
+    if any("/" in entry.text for entry in entries):
         yield "1/4: one of four items"
     yield from (f"{kind.small}: {explanation}" for kind, explanation in EXPLANATIONS.items() if kind in kinds)
-    if known:
+    if any(None in table.kinds for table in summed) or any("xfail" in entry.text for entry in entries):
         yield "known, xfail: a failure that the tests expect, by the reason that they give"
