@@ -40,7 +40,7 @@ def test_data_flows_one_way() -> None:
         ("pybullet", {"physics/engines.py"}),
         ("mujoco", {"physics/engines.py"}),
         ("libsumo", {"satellites/sumo/libsumo_server.py"}),
-        ("rich", {"report/terminal.py", "report/columns.py"}),
+        ("rich", {"report/terminal.py"}),
         ("hypothesis", {"search/strategies.py", "search/falsify.py"}),
         ("platformdirs", {"physics/braking.py"}),
         ("psutil", {"drivers/stacks/descendants.py"}),

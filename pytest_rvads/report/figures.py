@@ -2,21 +2,16 @@
 
 A figure is a function of the counts of a report; `FIGURES` has them in the order of the report.
 
-A cell is (junction, class, configuration, rule). If the scenario has a subject (vehicle under test), the cell also names the
-entrance of the subject and the traffic around the subject. If somebody walks, the cell also names the pedestrians. A cell of a
-recording is (junction, recording, rule). A cell is
+A cell is (junction, class, configuration, rule). With a subject (vehicle under test), the cell also names its entrance and the
+traffic around it; if somebody walks, also the pedestrians. A cell of a recording is (junction, recording, rule). A cell is
 exercised if a rule required something of the system under test in the cell, and the verdict is PASS, FAIL or OPEN, expected or
-not. A rule that required something only of the traffic exercises no cell. NA, UNSURE, errors and items that did not run exercise
-no cell either. A cell counts once, even if several tests or several variants of a test contain the cell.
+not. A cell counts once, even if several tests or several variants of a test contain the cell.
 
-The coverage of arrivals tells how long before or after the vehicle under test vehicles with conflicting movements arrived. A pair
-is the movement of a vehicle under test and a conflicting movement of another vehicle. Pairs that a rotation of the junction maps
-onto each other count as one pair, if the rotation keeps lanes, movements and signs. The difference of two arrivals is the arrival
-of the other vehicle at its line minus the arrival of the vehicle under test at its line. A difference is tried if a rule required
-something of the system under test in the run. A difference is counted once per run, however many rules judged the run.
-
-The largest untested gap of a pair is the longest stretch between -6 s and 6 s without a tried difference. A pair without any
-tried difference has no gap and is counted as not met.
+A pair is the movement of a vehicle under test and a conflicting movement of another vehicle. Pairs that a rotation of the
+junction maps onto each other count as one pair, if the rotation keeps lanes, movements and signs. The difference of two arrivals
+is the arrival of the other vehicle at its line minus the arrival of the vehicle under test at its line. A difference is tried if
+a rule required something of the system under test in the run, and counted once per run. The largest untested gap of a pair is the
+longest stretch between -6 s and 6 s without a tried difference; a pair without any tried difference has no gap and is not met.
 """
 
 from __future__ import annotations
