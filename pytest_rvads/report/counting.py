@@ -147,8 +147,13 @@ class Counts:
         self._tried[site].add(record.ran_as)
         rotations = range(0, record.ways, arrivals.symmetry)
         moves = [(agent.entrance, agent.exit) for agent in record.agents]
+
+        def turned(move: Move, arms: int) -> Move:
+            (start, start_lane), (end, end_lane) = move
+            return ((start + arms) % record.ways, start_lane), ((end + arms) % record.ways, end_lane)
+
         for own, other, difference in arrivals.tried:
-            pair = min((_turned(moves[own], arms, record.ways), _turned(moves[other], arms, record.ways)) for arms in rotations)
+            pair = min((turned(moves[own], arms), turned(moves[other], arms)) for arms in rotations)
             self.met[site][pair][round(difference * TICKS)] += 1
 
     def _add_order(self, site: Site, record: Record) -> None:
@@ -172,7 +177,10 @@ class Counts:
             self.seen[site, f"scenarios {full}"].add(record.scenario)
             if record.seat is not None:
                 turns = extent.turns if extent else self.first[site].ways
-                self.seen[site, f"seated {full}"].add(_seated(record.scenario, record.seat, turns))
+                code = record.scenario.replace("_", "")
+                rows = range(0, len(code), len(code) // turns)
+                rotated = ((code[len(code) - row :] + code[: len(code) - row], (record.seat + row) % len(code)) for row in rows)
+                self.seen[site, f"seated {full}"].add(min(rotated))  # all rotations of a scenario have the same least
         if not extent:
             return
         name = record.orbit or record.cls
@@ -190,16 +198,3 @@ def counts_of(report: Report) -> Counts:
     for record in report.records:
         counts.add(record)
     return counts
-
-
-def _turned(move: Move, arms: int, ways: int) -> Move:
-    """Return the movement onto which a rotation by `arms` arms maps a movement, at a junction with `ways` arms."""
-    (start, start_lane), (end, end_lane) = move
-    return ((start + arms) % ways, start_lane), ((end + arms) % ways, end_lane)
-
-
-def _seated(scenario: str, seat: int, turns: int) -> tuple[str, int]:
-    """Return the first in sort order of all rotations of a scenario with its subject; all rotations have the same result."""
-    code = scenario.replace("_", "")
-    rows = range(0, len(code), len(code) // turns)
-    return min((code[len(code) - row :] + code[: len(code) - row], (seat + row) % len(code)) for row in rows)

@@ -25,7 +25,7 @@ from itertools import pairwise
 from pytest_rvads.logic.outcome import Outcome, Tallied, counted
 from pytest_rvads.report.counting import EXERCISED, EXTREMES, TICKS, TOGETHER, UNSELECTED, Counts, Site, counts_of
 from pytest_rvads.report.rollup import FEW, junction_lines, many, ranked
-from pytest_rvads.report.session_report import Move, Report
+from pytest_rvads.report.session_report import Report
 from pytest_rvads.runs.measured import APART, PairKpis
 from pytest_rvads.support.wording import first, plural
 
@@ -158,7 +158,8 @@ def pairs_tried(counts: Counts) -> Iterator[tuple[Site, str, str, Tried]]:
     """Yield every tried pair: junction, movement of the vehicle under test, movement of the other vehicle, differences."""
     for site in counts.pairs:
         for (own, other), differences in sorted(counts.met.get(site, {}).items()):
-            yield site, _named(own), _named(other), Tried(differences)
+            moves = ["{}.{} to {}.{}".format(*move[0], *move[1]) for move in (own, other)]
+            yield site, moves[0], moves[1], Tried(differences)
 
 
 def largest_gap(counts: Counts) -> float:
@@ -184,11 +185,6 @@ def arrivals_line(counts: Counts) -> str:
         f"{head}, the other vehicle {first} times first, {together} together, {later} later; largest untested gap {worst} "
         f"at {site}, vehicle under test from lane {own}, other vehicle from {other}"
     )
-
-
-def _named(move: Move) -> str:
-    """Return a movement as arm and lane of its entrance and exit: ``0.0 to 2.0``."""
-    return "{}.{} to {}.{}".format(*move[0], *move[1])
 
 
 def untested(report: Report, most: float) -> str:

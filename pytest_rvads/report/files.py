@@ -242,20 +242,21 @@ def table(report: Report) -> Iterator[str]:
     Items without a requirement come last, with the first column empty. Texts that spreadsheets would take for formulas begin with
     an apostrophe.
     """
-    yield _csv_row(["requirement", *_COLUMNS, "versions", "message"])
+
+    def row(*cells: object) -> str:
+        out = io.StringIO()
+        texts = (_spreadsheet_text(cell) if isinstance(cell, str) else cell for cell in cells)
+        csv.writer(out, lineterminator="\n").writerow(texts)
+        return out.getvalue()
+
+    yield row("requirement", *_COLUMNS, "versions", "message")
     versions = "; ".join(f"{name} {version}" for name, version in report.versions.items())
     requirements = {name for record in report.records for name in record.requirements or ("",)}
     for requirement in sorted(requirements, key=lambda name: (name == "", name)):
         for record in report.records:
             if requirement in (record.requirements or ("",)):
                 cells = [getattr(record, name, "") for name in _COLUMNS.values()]
-                yield _csv_row([requirement, *cells, versions, record.message])
-
-
-def _csv_row(cells: Iterable[object]) -> str:
-    out = io.StringIO()
-    csv.writer(out, lineterminator="\n").writerow(_spreadsheet_text(cell) if isinstance(cell, str) else cell for cell in cells)
-    return out.getvalue()
+                yield row(requirement, *cells, versions, record.message)
 
 
 @lru_cache(256)  # the rows of a run have most cells in common

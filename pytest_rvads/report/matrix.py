@@ -100,8 +100,8 @@ class Matrix:
         rows = []
         for i, variant in zip(shown_rows, variants, strict=True):
             label, entries = self.rows[i]
-            spans = label.removeprefix(_row_label(variant, "")).split(", ")
-            rows.append((_row_label(variant, first(spans, _SPANS)), entries))
+            begin = f"{variant}  " if variant else ""
+            rows.append((begin + first(label.removeprefix(begin).split(", "), _SPANS), entries))
         return replace(self, rows=tuple(rows), members=tuple(self.members[i] for i in shown_rows), variants=variants)
 
 
@@ -208,10 +208,13 @@ def _matrix(title: str, first_record: Record, digits: int, entries: Mapping[_Spo
         title,
         columns,
         tuple(
-            (_row_label(variant, first(members, _NAMED) if recorded else _spans(members, digits)), row_entries)
+            (
+                (f"{variant}  " if variant else "") + (first(members, _NAMED) if recorded else _spans(members, digits)),
+                row_entries,
+            )
             for (variant, row_entries), members in alike.items()
         ),
-        tuple(tuple(_member_label(variant, member) for member in members) for (variant, _), members in alike.items()),
+        tuple(tuple(f"{variant} {m}" if variant else m for m in members) for (variant, _), members in alike.items()),
         f"variant, {corner}" if any(variants) else corner,
         junction,
         variants,
@@ -227,15 +230,8 @@ def place_of(record: Record) -> Place:
 
 def member_of(record: Record) -> int | str:
     """Return the number of a record's class, or the name of its recording; with the variant if the record has a variant."""
-    return _member_label(*place_of(record)[1])
-
-
-def _member_label(variant: str, member: int | str) -> int | str:
+    variant, member = place_of(record)[1]
     return f"{variant} {member}" if variant else member
-
-
-def _row_label(variant: str, members: str) -> str:
-    return f"{variant}  {members}" if variant else members
 
 
 def _spans(numbers: Sequence[int], width: int) -> str:

@@ -231,22 +231,20 @@ def steady(records: Iterable[Record]) -> Iterator[Record]:
     one process judges directly one after the other share a run; rules in different processes do not. A record with status ERROR
     stays unchanged.
     """
+
+    def start(record: Record) -> tuple[str, ...]:
+        source = (record.driver, str(record.traffic), record.simulator) if isinstance(record, SimulatedItem) else ()
+        return record.nodeid.partition("[")[0], record.variant, *source, str(record.run)
+
     records = list(records)
     runs: dict[tuple[str, ...], dict[str, Record]] = {}
     for record in records:
         if record.hash and record.status is not Outcome.ERROR:
-            runs.setdefault(_run_start(record), {}).setdefault(record.hash, record)
+            runs.setdefault(start(record), {}).setdefault(record.hash, record)
     for record in records:
-        others = [item for run, item in runs.get(_run_start(record), {}).items() if run != record.hash]
+        others = [item for run, item in runs.get(start(record), {}).items() if run != record.hash]
         if not others or not record.hash or record.status is Outcome.ERROR:
             yield record
         else:
             divergence = Divergence("hash", text=f"it was judged on another run than {others[0].nodeid}")
             yield replace(record, status=Outcome.FLAKY, flaky=record.flaky or divergence, known=None)
-
-
-def _run_start(record: Record) -> tuple[str, ...]:
-    """Return a key of the start of a test item: test, variant, driver, traffic, simulator, and id of the run."""
-    test = record.nodeid.partition("[")[0]
-    source = (record.driver, str(record.traffic), record.simulator) if isinstance(record, SimulatedItem) else ()
-    return test, record.variant, *source, str(record.run)

@@ -259,6 +259,7 @@ class _Screen:
         self._width, self._rule = width, "─" if unicode else "-"
         self.most = None if full else _MOST
         self._full, self._more = full, more
+        self._length = _LENGTH if full else _BRIEF
 
     def text(self) -> str:
         """Return the text that was rendered so far."""
@@ -377,10 +378,6 @@ class _Screen:
                 self._print_line(f"         first: {block.first(cause)}")
         if self.most is not None and len(block.causes) > self.most:
             self._print_line(f"  ... and {len(block.causes) - self.most} more: {self._more}")
-
-    @property
-    def _length(self) -> int:
-        return _LENGTH if self._full else _BRIEF
 
     def _print_line(self, text: str, style: str = "") -> None:
         """Print a line without line breaks, so that a command in the line can be copied."""

@@ -169,7 +169,7 @@ class ByText:
         """Add a record to the group of its text."""
         test, variant = _variant(record)
         self._variants[test].add(variant)
-        self._seats.add(_seat(record))
+        self._seats.add(getattr(record, "seat", None))
         text = self._text(record)
         if text is not None:
             self._chosen.append((record, text))
@@ -202,7 +202,7 @@ class ByText:
         variants = {variant for _, variant in places}
         if "" in variants or variants >= set().union(*(self._variants[test] for test, _ in places)):
             variants = set()
-        seats = {seat for seat in map(_seat, records) if seat is not None}
+        seats = {record.seat for record in records if isinstance(record, SimulatedItem) and record.seat is not None}
         cause = Cause(
             rules=tuple(rules),
             text=f"{example.text} ({example.roles})" if len(roles) == 1 and example.roles else example.text,
@@ -267,10 +267,6 @@ def _variant(record: Record) -> tuple[str, str]:
     """Return the test of a record (file and function) and its variant; both are empty for a record without a variant."""
     # All records without a variant have the same result, because a campaign would have a million different results.
     return (record.nodeid.partition("[")[0], record.variant) if record.variant else ("", "")
-
-
-def _seat(record: Record) -> int | None:
-    return record.seat if isinstance(record, SimulatedItem) else None
 
 
 def _idle(record: Record) -> str | None:

@@ -9,7 +9,7 @@ from base64 import b64encode
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from functools import cache, partial
+from functools import partial
 from hashlib import sha256
 from heapq import nsmallest
 from importlib.resources import files
@@ -27,6 +27,15 @@ from pytest_rvads.report.record import Record, SimulatedItem
 from pytest_rvads.report.session_report import LISTED, Report
 from pytest_rvads.support.wording import printable, quoted
 
+_PLACE = "pytest_rvads.satellites.pages"
+_TEMPLATES = Environment(
+    loader=PackageLoader(_PLACE, ""),
+    autoescape=True,
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+    finalize=lambda value: printable(value, len(value)) if type(value) is str else value,
+)
 _ITEMS = 5000
 """Largest number of test items on a page: failures are taken first, then further items evenly from all junctions and rules."""
 _WEB = re.compile(r"https://[^\\\s]+")
@@ -174,32 +183,18 @@ def webpage(template: str, title: str, data: object, sources: Sequence[str], *, 
     """Return an HTML page made of a template that extends ``frame.html``; style sheets and scripts are files of this package."""
     light, dark = ("".join(f"--{mark}:{look[number]};" for mark, look in MARKS.items()) for number in (1, 2))
     colours = f":root{{{light}}}@media screen{{:root[data-theme=dark]{{{dark}}}}}"
-    style = colours + "".join(_source(name) for name in sources if name.endswith(".css")) + style
-    script = "".join(_source(name) for name in ("webpage.js", *sources) if name.endswith(".js"))
+    texts = {name: files(_PLACE).joinpath(name).read_text(encoding="utf-8") for name in ("webpage.js", *sources)}
+    style = colours + "".join(texts[name] for name in sources if name.endswith(".css")) + style
+    script = "".join(text for name, text in texts.items() if name.endswith(".js"))
+    digests = [b64encode(sha256(text.encode()).digest()).decode() for text in (script, style)]
     policy = (
-        f"default-src 'none'; script-src 'sha256-{_digest(script)}'; style-src 'sha256-{_digest(style)}'; img-src data:; "
+        f"default-src 'none'; script-src 'sha256-{digests[0]}'; style-src 'sha256-{digests[1]}'; img-src data:; "
         "base-uri 'none'; form-action 'none'; require-trusted-types-for 'script'; trusted-types 'none'"
     )
     # "<" could end the script element from inside a string.
     text = json.dumps(_printable_data(data), separators=(",", ":")).replace("<", "\\u003c")
     frame = {"policy": policy, "style": Markup(style), "script": Markup(script), "data": Markup(text)}
-    return _templates().get_template(template).render(title=title, **frame, **content)
-
-
-@cache
-def _templates() -> Environment:
-    return Environment(
-        loader=PackageLoader("pytest_rvads.satellites", "pages"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        finalize=lambda value: printable(value, len(value)) if type(value) is str else value,
-    )
-
-
-def _source(name: str) -> str:
-    return files("pytest_rvads.satellites.pages").joinpath(name).read_text(encoding="utf-8")
+    return _TEMPLATES.get_template(template).render(title=title, **frame, **content)
 
 
 def _printable_data(value: Any) -> Any:
@@ -209,7 +204,3 @@ def _printable_data(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _printable_data(inner) for key, inner in value.items()}
     return list(map(_printable_data, value)) if isinstance(value, list | tuple) else value
-
-
-def _digest(text: str) -> str:
-    return b64encode(sha256(text.encode()).digest()).decode()
