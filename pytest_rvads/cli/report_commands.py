@@ -102,9 +102,9 @@ def declare(commands: Subparsers) -> None:
 
 
 def _print_merged(options: argparse.Namespace) -> int:
-    from pytest_rvads.report.baseline import compare, with_baseline
     from pytest_rvads.report.figures import shortfall, untested
     from pytest_rvads.report.files import fitting, load, recovered, save
+    from pytest_rvads.report.session_report import compare, with_baseline
     from pytest_rvads.support.installed import load as installed
 
     paths = list(map(fitting, options.output))

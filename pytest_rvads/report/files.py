@@ -1,6 +1,7 @@
 """Writes the report of a session in any format, and reads reports in JSON.
 
-Formats of this module are JSON, the traceability table (comma-separated values), and JUnit XML of reports that are no sessions.
+Formats of this module are JSON, Markdown (for example for GitHub's job summary; most parts below the causes of failures are
+folded), the traceability table (comma-separated values), and JUnit XML of reports that are no sessions.
 
 The journal of a session is a file to which records are written as they arrive, so that records outlive the process. A report says
 that it is incomplete until its session has ended. ``rvads report check`` reads the journal of a session that has not ended, or
@@ -12,11 +13,11 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import fields, replace
 from functools import lru_cache
-from itertools import chain
+from itertools import chain, groupby
 from os import fstat
 from os.path import samestat
 from pathlib import Path
@@ -26,22 +27,32 @@ from xml.sax.saxutils import quoteattr
 
 import msgspec
 
-from pytest_rvads.report.markdown import markdown
-from pytest_rvads.report.outline import outline
+from pytest_rvads.report.matrix import Matrix
+from pytest_rvads.report.outline import FAILURES, Block, Causes, Changes, Figures, Head, Notes, RollUp, Section, outline
 from pytest_rvads.report.record import Record, properties
+from pytest_rvads.report.rollup import WORST
 from pytest_rvads.report.session_report import UNFINISHED, Report, in_order
 from pytest_rvads.support.decoding import decode, encode
 from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.installed import by_suffix
 from pytest_rvads.support.installed import load as installed
 from pytest_rvads.support.storage import read_file, write_file
-from pytest_rvads.support.wording import printable
+from pytest_rvads.support.wording import printable, quoted
 
 VERSION = 5
 MOST = 2**28
 """Greatest length of a report that is read [bytes]; no session writes a report of this length."""
 SUMMARY_LIMIT = 900 * 1024
 """Greatest length of a job summary that is written [bytes]; GitHub drops a job summary above 1 MiB as a whole."""
+_LINES = 50
+"""Largest number of lines of a list that are not folded."""
+_ESCAPES = (
+    (re.compile(r"&(?=[#\w])"), "&amp;"),  # entities
+    (re.compile(r"<(?=[A-Za-z/!?])"), "&lt;"),  # HTML, addresses in angle brackets
+    (re.compile(r"^[-+>#\[]|[\\`*~$|]|(?<![^\W_])_|_(?![^\W_])|\](?=[(\[])"), r"\\\g<0>"),  # blocks, spans, cells, links
+    (re.compile(r"(?i)\b(javascript|vbscript|data|file|http|ftp|mailto|xmpp)(?=:)|\bwww(?=\.)"), r"\g<0>\\"),  # bare addresses
+    (re.compile(r"(?<!\w)@(?=\w)|(?<![\w;])#(?=\d)"), "\\g<0>\N{WORD JOINER}"),  # mentions, numbers of issues
+)
 _SHOWN = 3
 """Largest number of test items without a verdict that the note on an incomplete session names."""
 
@@ -266,10 +277,104 @@ def _spreadsheet_text(text: str) -> str:
     return f"'{safe_text}" if _FORMULA.match(text) and not _NUMBER.fullmatch(text) else safe_text
 
 
+def markdown(report: Report) -> str:
+    """Return a report as Markdown; all parts but the session, the changes, the causes of failures and the sums are folded."""
+    blocks = outline(report)
+    shown, closed = [block for block in blocks if not _fold_title(block)], [block for block in blocks if _fold_title(block)]
+    lines = ["# rvads verdicts"]
+    for block in sorted(shown, key=lambda block: isinstance(block, RollUp)):
+        lines += ["", *_render(block)]
+    for title, several in groupby(closed, _fold_title):
+        folded_lines = [line for block in several for line in ("", *_render(block))]
+        lines += ["", f"<details><summary>{title}</summary>", *folded_lines, "", "</details>"]
+    return "\n".join(lines) + "\n"
+
+
+def _fold_title(block: Block) -> str:
+    """Return the summary line of a folded part, without text from elsewhere because the line is HTML; empty for other parts."""
+    if isinstance(block, Notes | Head | Changes | RollUp) or block.title == FAILURES:  # the length of sums is bounded
+        return ""
+    match block:
+        case Matrix():
+            return "verdict tables"
+        case Figures(title=title):
+            return f"{title} and figures"
+    return block.title
+
+
+def section(part: Section) -> Iterator[str]:
+    """Yield a section of a comparison: a heading with a table, or with a list if there are no columns; long content is folded."""
+    yield from (f"## {_escaped(part.title)}", "")
+    if part.columns:
+        rows = [_table_row(text for text, _ in cells) for cells in part.rows]
+        yield from _folded_markdown((_table_row(part.columns), f"|{'---|' * len(part.columns)}"), rows, "rows")
+    else:
+        yield from _folded_markdown((), [f"- {_escaped(line)}" for line in part.lines], "lines", _LINES)
+
+
+def _render(block: Block) -> Iterator[str]:
+    match block:
+        case Notes():
+            yield "\n\n".join(f"**{_escaped(note)}**" for note in block.lines)
+        case Changes(comparison):
+            yield from (_heading(block.title), "", _escaped(comparison.headline), "")
+            yield from _folded_markdown((), [f"- {_escaped(line)}" for line in comparison.lines()], "changes", _LINES)
+        case Causes(title, causes, again):
+            head = f"| items | rule | cause | {_escaped(f'first: {again}' if again else 'first')} |", "|---:|---|---|---|"
+            rows = []
+            for cause in causes:
+                example = quoted(cause.example) if again else cause.example
+                needs_escapes = re.search(r"[`\\|\s]", example)  # and a code span can't have escapes
+                shown = _escaped(example) if needs_escapes else f"`{printable(example, len(example))}`"
+                rows.append(f"| {cause.count} | {_escaped(cause.rule)} | {_escaped(cause.line)} | {shown} |")
+            yield from (_heading(title), "", *_folded_markdown(head, rows, "causes"))
+        case Head() | Figures():
+            lines = block.lines if isinstance(block, Figures) else block.plain()
+            yield from _folded_markdown((), [f"- {_escaped(line)}" for line in lines], "lines", _LINES)
+            if isinstance(block, Figures) and block.arrivals:
+                yield from ("", *section(block.arrivals))
+        case RollUp(sums):
+            yield _heading(block.title)
+            for table in sums:
+                head = _table_row(table.columns), "|" + "".join("---|" if side == "left" else "---:|" for side in table.sides)
+                yield from ("", *_folded_markdown(head, [_table_row(table.cells(row)) for row in table.rows], f"{table.corner}s"))
+        case Matrix() as matrix:
+            yield from (f"## {_escaped(matrix.title)}", "")
+            columns = [f"{matrix.numbers.get(cfg, cfg)} {rule}".lstrip() for cfg, rule in matrix.columns]
+            head = _table_row([matrix.corner, *columns]), "|---|" + "---|" * len(columns)
+            rows = [_table_row([label, *(entry.text for entry in entries)]) for label, entries in matrix.rows]
+            yield from _folded_markdown(head, rows, "rows")
+            if matrix.numbers:
+                yield from ("", *(f"- {_escaped(f'{number} = {label}')}" for label, number in matrix.numbers.items()))
+
+
+def _folded_markdown(head: tuple[str, ...], rows: Sequence[str], what: str, most: int = WORST) -> Iterator[str]:
+    """Yield a table or a list as Markdown; the rows after the first `most` rows are folded."""
+    yield from (*head, *rows[:most])
+    if more := rows[most:]:
+        yield from ("", f"<details><summary>{len(more)} more {what}</summary>", "", *head, *more, "", "</details>")
+
+
+def _table_row(cells: Iterable[str]) -> str:
+    return f"| {' | '.join(map(_escaped, cells))} |"
+
+
+def _heading(title: str) -> str:
+    return f"## {title[0].upper()}{title[1:]}"
+
+
+def _escaped(text: str) -> str:
+    """Return a text on one line, escaped so that Markdown reads no markup, HTML, link or mention in it."""
+    line = printable(text, len(text)).translate({ord("\n"): " ", ord("\t"): " "})
+    for special, escaped in _ESCAPES:
+        line = special.sub(escaped, line)
+    return line
+
+
 def junit(report: Report) -> Iterator[str]:
     """Yield a report as JUnit XML, a case per item with its properties; that of a session is written by pytest itself."""
 
-    def quoted(value: object) -> str:
+    def attribute(value: object) -> str:
         text = "" if value is None else str(value)
         return quoteattr("\n".join(printable(line, len(line)) for line in text.split("\n")))  # XML can't hold all characters
 
@@ -277,9 +382,9 @@ def junit(report: Report) -> Iterator[str]:
     for record in report.records:
         kind = "failure" if record.failed else "" if record.outcome == "passed" else "skipped"
         kind = "error" if record.failed and record.status.meaning in ("error", "flaky") else kind
-        end = f"<{kind} message={quoted(record.known or record.message or record.status)}/>" if kind else ""
-        elements = "".join(f"<property name={quoted(key)} value={quoted(value)}/>" for key, value in properties(record))
-        head = f"<testcase classname={quoted(record.junction)} name={quoted(record.nodeid)}>"
+        end = f"<{kind} message={attribute(record.known or record.message or record.status)}/>" if kind else ""
+        elements = "".join(f"<property name={attribute(key)} value={attribute(value)}/>" for key, value in properties(record))
+        head = f"<testcase classname={attribute(record.junction)} name={attribute(record.nodeid)}>"
         yield f"{head}<properties>{elements}</properties>{end}</testcase>\n"
     yield "</testsuite>\n</testsuites>\n"
 

@@ -22,13 +22,11 @@ import msgspec
 
 from pytest_rvads.logic.outcome import Outcome, Tallied, counted
 from pytest_rvads.report import triage
-from pytest_rvads.report.baseline import compare, with_baseline
-from pytest_rvads.report.files import FORMATS, fitting, write
-from pytest_rvads.report.markdown import section
+from pytest_rvads.report.files import FORMATS, fitting, section, write
 from pytest_rvads.report.matrix import SAME, Entry, Matrices, Matrix, Place, place_of
 from pytest_rvads.report.outline import Head, Section, outline
 from pytest_rvads.report.record import Record
-from pytest_rvads.report.session_report import Comparison, Report, cell_of
+from pytest_rvads.report.session_report import Comparison, Report, cell_of, compare, with_baseline
 from pytest_rvads.support.decoding import encode
 from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.installed import load

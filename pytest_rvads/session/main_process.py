@@ -275,7 +275,7 @@ class Session:
             kept=self._kept_folder(),
         )
         if self.baseline:
-            from pytest_rvads.report.baseline import compare, with_baseline
+            from pytest_rvads.report.session_report import compare, with_baseline
 
             name = self.options.baseline.name if self.options.baseline else ""
             report = with_baseline(report, compare(report, self.baseline, name, self.planner.no_longer_exists))

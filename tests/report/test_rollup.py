@@ -19,8 +19,7 @@ from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report import matrix, triage
 from pytest_rvads.report.counting import counts_of
 from pytest_rvads.report.figures import cell_coverage
-from pytest_rvads.report.files import FORMATS, load
-from pytest_rvads.report.markdown import markdown
+from pytest_rvads.report.files import FORMATS, load, markdown
 from pytest_rvads.report.matrix import Matrix
 from pytest_rvads.report.outline import Causes, Figures, Head, RollUp, outline
 from pytest_rvads.report.record import Computing, Record, RecordedItem, conclude, planned_record

@@ -13,9 +13,8 @@ from markdown_it import MarkdownIt
 from msgspec.structs import replace
 
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
-from pytest_rvads.report.files import save
+from pytest_rvads.report.files import markdown, save
 from pytest_rvads.report.folders import claimed
-from pytest_rvads.report.markdown import markdown
 from pytest_rvads.report.outline import Changes, outline
 from pytest_rvads.report.record import Record, conclude, planned_record
 from pytest_rvads.report.session_report import Change, Comparison, Report
