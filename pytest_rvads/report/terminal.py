@@ -333,24 +333,22 @@ class _Screen:
     def _sums_tables(self, sums: Sequence[Sums]) -> list[_Table]:
         """Return the tables of sums, cut to the largest number of rows per table with which all tables fit on one screen."""
         for most in (None,) if self._full else (WORST, 15, 12, 10, 8, 6, 5, 4, 3):
-            tables = [
-                self._sums_table(table_of_sums, most, "" if k else "verdicts in sums") for k, table_of_sums in enumerate(sums)
-            ]
+            tables: list[_Table] = []
+            for table in sums:
+                rows = [table.cells(row) for row in table.rows[:most]]
+                columns = [
+                    Column((_fit(head),), tuple(Cell(_fit(row[i]), table.styles[i]) for row in rows), table.sides[i] == "right")
+                    for i, head in enumerate(table.columns)
+                ]
+                parts = blocks(table.corner, [_fit(row[0]) for row in rows], columns[1:], self._width, self._rule)
+                more = len(table.rows) - len(rows)
+                hidden = plural(more, f"more {table.corner}") if more else ""
+                # No table of sums is left out before a matrix: sums are cut by rows.
+                wrong, below = [True] * len(parts), [list[str]() for _ in parts]
+                tables.append(_Table("" if tables else "verdicts in sums", parts, hidden, wrong, below))
             if sum(table.height(k) for table in tables for k in range(len(table.parts))) <= _LINES:
                 break
         return tables
-
-    def _sums_table(self, sums: Sums, most: int | None, title: str) -> _Table:
-        rows = [sums.cells(row) for row in sums.rows[:most]]
-        columns = [
-            Column((_fit(sums.columns[i]),), tuple(Cell(_fit(row[i]), sums.styles[i]) for row in rows), sums.sides[i] == "right")
-            for i in range(1, len(sums.columns))
-        ]
-        parts = blocks(sums.corner, [_fit(row[0]) for row in rows], columns, self._width, self._rule)
-        more = len(sums.rows) - len(rows)
-        # No table of sums is left out before a matrix: sums are cut by rows.
-        wrong, below = [True] * len(parts), [list[str]() for _ in parts]
-        return _Table(title, parts, plural(more, f"more {sums.corner}") if more else "", wrong, below)
 
     def _print_paragraph(self, text: str) -> None:
         for line in wrapped(text, self._width - 1, 2):

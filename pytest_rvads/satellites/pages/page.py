@@ -76,7 +76,11 @@ def page(report: Report, folder: Path, title: str = "rvads verdicts", pictures: 
             ]
             names = {"title": block.title, "junction": block.junction, "corner": block.corner, "columns": block.columns}
             matrices.append({**names, "numbers": block.numbers, "rows": labelled})
-    session = _session_option(folder)
+    session, place = "", Path(os.path.realpath(folder))  # a link such as `latest` can lead to another session later
+    if place in sessions(place.parent):
+        with suppress(ValueError):  # no relative path leads to another drive
+            place = Path(os.path.relpath(place))
+        session = option(place)
     content = {
         "items": [_item_data(record, folder, report, session) for record in records],
         "all": len(report.records),
@@ -154,16 +158,6 @@ def _item_data(record: Record, folder: Path, report: Report, session: str) -> di
         "why": next((look for look in looks if look.startswith(_UNDRAWN)), ""),
         "draw": draw,
     }
-
-
-def _session_option(folder: Path) -> str:
-    """Return the option that names the session of a folder; an empty text if the folder is not the folder of a session."""
-    place = Path(os.path.realpath(folder))  # a link such as `latest` can lead to another session later
-    if place not in sessions(place.parent):
-        return ""
-    with suppress(ValueError):  # no relative path leads to another drive
-        place = Path(os.path.relpath(place))
-    return option(place)
 
 
 def _page_link(look: str, folder: Path) -> str:
