@@ -169,7 +169,7 @@ def plain_text(report: Report, _folder: Path) -> str:
 ''',
             "pytest_rvads/report/files.py": (
                 (
-                    "from pytest_rvads.report.outline import outline\n",
+                    "from pytest_rvads.report.matrix import Matrix\n",
                     "from pytest_rvads.report.plain_text import plain_text\n",
                 ),
                 ('    ".xml": lambda report, _: junit(report),\n', '    ".plain": plain_text,\n'),
