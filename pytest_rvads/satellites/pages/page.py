@@ -107,7 +107,7 @@ def rendered(
     """Return an HTML page for a folder: head, sections, pictures and figures of an outline; scripts show `data`."""
     kinds = [(type(block).__name__, block) for block in blocks]
     link = partial(_page_link, folder=folder)
-    flags = {"same": SAME, "long": LONG, "with_items": with_items, "starts": starts}
+    flags: dict[str, Any] = {"same": SAME, "long": LONG, "with_items": with_items, "starts": starts}
     return webpage("page.html", title, data, ("page.css", *sources), blocks=kinds, link=link, **flags)
 
 
