@@ -12,7 +12,7 @@ from pytest_benchmark.fixture import BenchmarkFixture
 
 from pytest_rvads.geometry.opendrive.map_file import path_of
 from pytest_rvads.geometry.road_map import describe, read_map
-from pytest_rvads.report.draw.map_picture import draw_map
+from pytest_rvads.report.map_picture import draw_map
 
 TOWN = Path(__file__).parents[1].parent / "shared" / "maps" / "Town04.xodr"
 needs_town = pytest.mark.skipif(not TOWN.exists(), reason="the folder ../shared is absent")

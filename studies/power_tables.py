@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from statistics import median
 
-from pytest_rvads.report.draw.svg import document, polyline, text
+from pytest_rvads.report.svg import document, polyline, text
 from studies.detection import Power, interval
 from studies.killing import Killing
 

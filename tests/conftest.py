@@ -41,8 +41,8 @@ for _name in pytest_rvads.__all__:
 for _name in (
     "hypothesis",
     "numpy.fft",
-    "pytest_rvads.report.draw.scene",
-    "pytest_rvads.satellites.pages.failure_page",
+    "pytest_rvads.report.scene",
+    "pytest_rvads.satellites.pages.replay",
     "pytest_rvads.report.terminal",
 ):
     import_module(_name)

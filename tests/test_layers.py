@@ -40,11 +40,11 @@ def test_data_flows_one_way() -> None:
         ("pybullet", {"physics/engines.py"}),
         ("mujoco", {"physics/engines.py"}),
         ("libsumo", {"satellites/sumo/libsumo_server.py"}),
-        ("rich", {"report/terminal.py", "report/columns.py"}),
+        ("rich", {"report/terminal.py"}),
         ("hypothesis", {"search/strategies.py", "search/falsify.py"}),
         ("platformdirs", {"physics/braking.py"}),
         ("psutil", {"drivers/stacks/descendants.py"}),
-        ("jinja2", {"report/webpage.py"}),
+        ("jinja2", {"satellites/pages/page.py"}),
         ("pytest", {"plugin.py", "satellites", "fixtures", "session", "clients"}),
     ],
 )

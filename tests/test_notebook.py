@@ -22,7 +22,7 @@ from pytest_rvads.geometry.finder import find, names
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
 from pytest_rvads.logic.outcome import MARKS, Outcome
-from pytest_rvads.report.draw.curves import draw_braking
+from pytest_rvads.report.svg import draw_braking
 from pytest_rvads.runs.measured import Kpis, PairKpis, VehicleKpis
 from pytest_rvads.runs.run import Excerpt, Fault, Run
 from pytest_rvads.runs.states import Zone

@@ -19,8 +19,8 @@ from typing import Any
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.satellites.pages.failure_page import failure_pages
-from pytest_rvads.satellites.pages.replay import Beside
+from pytest_rvads.report.failures import Beside
+from pytest_rvads.satellites.pages.replay import failure_pages
 from pytest_rvads.support.storage import write_file
 
 PAGE = Path(__file__).parents[1] / "docs" / "gallery.md"

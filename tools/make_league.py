@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from pytest_rvads.report.markdown import section
+from pytest_rvads.report.files import section
 from pytest_rvads.report.outline import Section
 
 ROOT = Path(__file__).parents[1]

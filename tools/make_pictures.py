@@ -13,8 +13,8 @@ import numpy as np
 
 import pytest_rvads as rvads
 from pytest_rvads.cli import main as command
-from pytest_rvads.report.draw.scene import path, picture
-from pytest_rvads.satellites.pages.failure_page import moment
+from pytest_rvads.report.failures import moment
+from pytest_rvads.report.scene import path, picture
 from pytest_rvads.support.storage import write_file
 
 FOLDER = Path(__file__).parents[1] / "docs" / "concepts"

@@ -19,10 +19,10 @@ from pytest_rvads.logic.conduct.kpis import describe
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.counting import Counts
+from pytest_rvads.report.failures import when
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.rollup import sums
 from pytest_rvads.report.session_report import NOTHING_JUDGED, UNFINISHED, Report, exit_status
-from pytest_rvads.satellites.pages.failure_page import when
 from pytest_rvads.support.wording import plural
 
 VERSION = 1

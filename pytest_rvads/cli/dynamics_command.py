@@ -61,7 +61,7 @@ def declare(commands: Subparsers) -> None:
 
 def _braking(options: argparse.Namespace) -> int:
     from pytest_rvads.physics.braking import envelope
-    from pytest_rvads.report.draw.curves import draw_braking
+    from pytest_rvads.report.svg import draw_braking
     from pytest_rvads.simulators.simulator import named, vmax
 
     if options.sut:
@@ -91,7 +91,7 @@ def _braking(options: argparse.Namespace) -> int:
 
 
 def _driving(options: argparse.Namespace) -> int:
-    from pytest_rvads.report.draw.curves import draw_dynamics
+    from pytest_rvads.report.svg import draw_dynamics
     from pytest_rvads.simulators.simulator import meant, named
 
     simulator = named(options.simulator, Path.cwd()) if options.simulator else meant()
@@ -167,7 +167,7 @@ def _table(result: dict[str, Any]) -> Sequence[str]:
 
 
 def _pedals(options: argparse.Namespace) -> int:
-    from pytest_rvads.report.draw.curves import draw_pedals
+    from pytest_rvads.report.svg import draw_pedals
     from pytest_rvads.simulators.driver_dynamics import calibrated
     from pytest_rvads.simulators.simulator import meant, named
 

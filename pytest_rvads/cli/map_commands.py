@@ -20,7 +20,7 @@ from typing import Any
 from pytest_rvads.cli.common import MAP_FORMATS, Subparsers, say, warn
 from pytest_rvads.cli.shared_options import share
 from pytest_rvads.geometry.segment import NO_LIMIT
-from pytest_rvads.report.draw.svg import document, text
+from pytest_rvads.report.svg import document, text
 from pytest_rvads.support.storage import write_file
 from pytest_rvads.support.wording import natural, plural
 
@@ -144,7 +144,7 @@ def _map(options: argparse.Namespace) -> int:
     from pytest_rvads.geometry.network import Doubt, gathered
     from pytest_rvads.geometry.road_map import READERS, describe, read_map
     from pytest_rvads.logic.conduct.lane import narrow_lines
-    from pytest_rvads.report.draw.map_picture import draw_map
+    from pytest_rvads.report.map_picture import draw_map
 
     is_file = Path(options.file).suffix.lower() in READERS or Path(options.file).exists()
     file = options.file if is_file else str(find(options.file).map_file)

@@ -13,18 +13,17 @@ from pytest_rvads.logic.check import check, other_verdicts
 from pytest_rvads.logic.judging.verdicts import Verdict
 from pytest_rvads.logic.rules.book import get_rule
 from pytest_rvads.logic.rules.rule import Rule
-from pytest_rvads.report.draw.animated import animated
+from pytest_rvads.report.animated import animated
+from pytest_rvads.report.failures import Beside, earlier_run, facts, moment, summed, usual_rules
 from pytest_rvads.report.folders import INDEX, run_file
 from pytest_rvads.report.record import Record, RecordedItem
-from pytest_rvads.report.run_record import summed
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.runs.readers import read_runs
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.runfile import load_run
-from pytest_rvads.satellites.pages.failure_page import earlier_run, facts, failure_pages, moment, usual_rules
-from pytest_rvads.satellites.pages.replay import Beside, replay
 from pytest_rvads.scenarios.ids import recalled
 from pytest_rvads.support.errors import FormulaError, RunError, RvadsError
+from pytest_rvads.support.installed import load
 from pytest_rvads.support.wording import quoted
 
 
@@ -50,9 +49,9 @@ class Replayed:
     def page(self) -> str:
         """Return the replay page of the run as HTML."""
         if self.verdict is None:
-            return replay(self.run, self.run.label, self.notes, beside=self.beside)
+            return str(load("pages", "replay")(self.run, self.run.label, self.notes, beside=self.beside))
         # No rule has an empty name, so a page for the empty name shows no monitors.
-        return next(failure_pages(self.run, self.verdict, self.rule or "", self.notes, self.beside)).html
+        return str(next(load("pages", "failure")(self.run, self.verdict, self.rule or "", self.notes, self.beside)).html)
 
     def animation(self) -> str:
         """Return an animated SVG of the seconds around the time that shows best what the verdict is about."""

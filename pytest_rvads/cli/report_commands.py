@@ -102,10 +102,9 @@ def declare(commands: Subparsers) -> None:
 
 
 def _print_merged(options: argparse.Namespace) -> int:
-    from pytest_rvads.report.baseline import compare, with_baseline
-    from pytest_rvads.report.coverage import shortfall, untested
-    from pytest_rvads.report.files import fitting, load, save
-    from pytest_rvads.report.journal import recovered
+    from pytest_rvads.report.figures import shortfall, untested
+    from pytest_rvads.report.files import fitting, load, recovered, save
+    from pytest_rvads.report.session_report import compare, with_baseline
     from pytest_rvads.support.installed import load as installed
 
     paths = list(map(fitting, options.output))
@@ -132,10 +131,8 @@ def _print_merged(options: argparse.Namespace) -> int:
 
 
 def _compare(options: argparse.Namespace) -> int:
-    from pytest_rvads.report.files import fitting
-    from pytest_rvads.report.journal import recovered
-    from pytest_rvads.report.side_by_side import side_by_side
-    from pytest_rvads.report.side_by_side_forms import save, text
+    from pytest_rvads.report.files import fitting, recovered
+    from pytest_rvads.report.side_by_side import save, side_by_side, text
 
     outputs = list(map(fitting, options.output))
     if len(options.files) < 2 or (options.fail_on and len(options.files) > 2):
@@ -149,7 +146,7 @@ def _compare(options: argparse.Namespace) -> int:
 
 
 def _check_reports(options: argparse.Namespace) -> int:
-    from pytest_rvads.report.journal import recovered
+    from pytest_rvads.report.files import recovered
 
     statuses = []
     for file in map(Path, options.files):

@@ -25,22 +25,19 @@ from pytest_rvads.logic.conduct.validate import damage, validate
 from pytest_rvads.logic.judging.judge import undecided
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.rules.rule import Rule
-from pytest_rvads.report.record import Record, planned_record
-from pytest_rvads.report.run_record import by_rule, of_run, summed
+from pytest_rvads.report.failures import TROUBLE, Beside, summed
+from pytest_rvads.report.record import Record, by_rule, of_run, planned_record
 from pytest_rvads.runs.measured import Kpis
 from pytest_rvads.runs.readers import READERS, files_of, matching, read_runs
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Kind
-from pytest_rvads.satellites.pages.failure_page import failure_pages
-from pytest_rvads.satellites.pages.replay import Beside
 from pytest_rvads.support.executors import Failed, gathered
+from pytest_rvads.support.installed import load
 from pytest_rvads.support.storage import slug, write_file
 
 _SIZE = 4
 """Number of runs of a file that a process gets at a time, if there are several processes."""
-_SHOWN = (Status.FAIL, Status.OPEN, Status.UNSURE)
-"""The statuses of verdicts that have replay pages."""
-NOTABLE = (*_SHOWN, Status.ERROR)
+NOTABLE = (*TROUBLE, Status.ERROR)
 """The statuses of verdicts that people have to look at."""
 
 
@@ -211,7 +208,7 @@ class Judge:
         self, file: str, number: int, run: Run, rule: Rule, verdict: Verdict, verdicts: Sequence[tuple[Rule, Verdict]]
     ) -> tuple[str, ...]:
         """Write the replay pages of a verdict; return their names with their opening times, or the reason why no page exists."""
-        if self.pages is None or verdict.status not in _SHOWN:
+        if self.pages is None or verdict.status not in TROUBLE:
             return ()
         again = f"rvads check {quote(file)} --rules {rule.name}"
         notes = f"{verdict.explanation}\nrecorded  {file}\nrerun     {again}"
@@ -219,7 +216,7 @@ class Judge:
         beside = Beside(facts, summed(further for _, further in verdicts if further is not verdict), "index.html")
         pages: list[str] = []
         try:
-            for page in failure_pages(run, verdict, rule, notes, beside):
+            for page in load("pages", "failure")(run, verdict, rule, notes, beside):
                 name = f"{slug(f'{run.label}-{rule.name}-{number}.{len(pages)}-{file}')}.html"
                 write_file(Path(self.pages) / name, page.html.encode())
                 pages.append(f"{Path(self.pages) / name}#t={page.time:.2f}")

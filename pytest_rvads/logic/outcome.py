@@ -105,6 +105,16 @@ class Outcome(StrEnum):
         return sorted(cls, key=lambda outcome: outcome.severity)
 
 
+EXPLANATIONS = {
+    Outcome.NA: "the rule did not apply",
+    Outcome.UNAVOIDABLE: "nobody could have kept the rule",
+    Outcome.PROVOKED: "broken by the doing of the traffic, not of the vehicle under test",
+    Outcome.OPEN: "still owed at the end of the run",
+    Outcome.UNSURE: "the recording is not exact enough to tell",
+    Outcome.FLAKY: "the same start gave another run, or the same run another verdict",
+    Outcome.NOT_JUDGED: "the test judged nothing",
+}
+"""What tables say of outcomes to readers who do not know them."""
 Tallied = Outcome | None
 """A kind of result that reports count: an outcome, or None for known failures (failures of tests that are marked as such)."""
 

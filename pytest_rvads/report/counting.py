@@ -11,7 +11,7 @@ from itertools import combinations
 from typing import Any, NamedTuple
 
 from pytest_rvads.logic.outcome import Outcome, Tallied
-from pytest_rvads.report.record import Record, RecordedItem, SimulatedItem
+from pytest_rvads.report.record import Computing, Record, RecordedItem, SimulatedItem
 from pytest_rvads.report.session_report import Cell, Move, Report, cell_of
 from pytest_rvads.runs.measured import PairKpis, VehicleKpis
 
@@ -21,6 +21,8 @@ UNSELECTED = 1000
 """Rank of a planned cell without a record."""
 EXERCISED = -1
 """Rank of an exercised cell; the rank of any other cell with a record is the severity of its outcome."""
+TOGETHER = 0.5
+"""Longest time between the arrivals of two vehicles that arrive together [s]: the tie window `TIE` of the rulebook ``road``."""
 NEAR = 2.0
 """Two vehicles met if less than this time passed between their stays on a shared stretch [s]."""
 
@@ -41,16 +43,6 @@ EXTREMES: tuple[tuple[str, tuple[tuple[str, str, Callable[..., Any], str], ...]]
 )
 """Per line of extremes: its first word, and its indicators. An indicator is (heading, field of `Kpis`, min or max, unit)."""
 _PICKS = tuple((key, pick) for _, indicators in EXTREMES for _, key, pick, _ in indicators)
-
-
-class Computed:
-    """The computing times of a driver in another process."""
-
-    def __init__(self) -> None:
-        self.runs: set[str] = set()
-        """A run counts once, even if the stack drove several vehicles of the run."""
-        self.decisions, self.longest = 0, 0.0
-        self.seconds: list[float] = []
 
 
 class Counts:
@@ -86,8 +78,8 @@ class Counts:
         """By indicator, its extreme value, the entry with this value, and its record; of equal values, the first is kept."""
         self.contacts: dict[str, Outcome] = {}
         """The outcome of the rule on collisions, by run with a time to collision of 0."""
-        self.computed: defaultdict[str, Computed] = defaultdict(Computed)
-        """Computing times by stack."""
+        self.computed: defaultdict[str, list[tuple[str, Computing]]] = defaultdict(list)
+        """Runs with the computing times in them, by stack; a run with several vehicles of a stack has several."""
         self.excess: dict[str, tuple[int, float]] = {}
         """By run, the number of accelerations beyond the limits of the vehicle, and the largest [m/s^2]."""
         self.pairs: dict[Site, int] = {}
@@ -139,11 +131,7 @@ class Counts:
                 if value is not None and (known is None or pick(value, known[0]) != known[0]):
                     self.extremes[key] = value, entry, record
         for computing in (record.timing or {}).values():
-            computed = self.computed[computing.stack]
-            computed.runs.add(run)
-            computed.decisions += computing.decisions
-            computed.longest = max(computed.longest, computing.longest)
-            computed.seconds.append(computing.compute)
+            self.computed[computing.stack].append((run, computing))
         if record.excess:
             requests = sum(excess.requests for excess in record.excess.values())
             self.excess[run] = requests, max((excess.largest for excess in record.excess.values()), key=abs)
@@ -159,8 +147,13 @@ class Counts:
         self._tried[site].add(record.ran_as)
         rotations = range(0, record.ways, arrivals.symmetry)
         moves = [(agent.entrance, agent.exit) for agent in record.agents]
+
+        def turned(move: Move, arms: int) -> Move:
+            (start, start_lane), (end, end_lane) = move
+            return ((start + arms) % record.ways, start_lane), ((end + arms) % record.ways, end_lane)
+
         for own, other, difference in arrivals.tried:
-            pair = min((_turned(moves[own], arms, record.ways), _turned(moves[other], arms, record.ways)) for arms in rotations)
+            pair = min((turned(moves[own], arms), turned(moves[other], arms)) for arms in rotations)
             self.met[site][pair][round(difference * TICKS)] += 1
 
     def _add_order(self, site: Site, record: Record) -> None:
@@ -184,7 +177,10 @@ class Counts:
             self.seen[site, f"scenarios {full}"].add(record.scenario)
             if record.seat is not None:
                 turns = extent.turns if extent else self.first[site].ways
-                self.seen[site, f"seated {full}"].add(_seated(record.scenario, record.seat, turns))
+                code = record.scenario.replace("_", "")
+                rows = range(0, len(code), len(code) // turns)
+                rotated = ((code[len(code) - row :] + code[: len(code) - row], (record.seat + row) % len(code)) for row in rows)
+                self.seen[site, f"seated {full}"].add(min(rotated))  # all rotations of a scenario have the same least
         if not extent:
             return
         name = record.orbit or record.cls
@@ -202,16 +198,3 @@ def counts_of(report: Report) -> Counts:
     for record in report.records:
         counts.add(record)
     return counts
-
-
-def _turned(move: Move, arms: int, ways: int) -> Move:
-    """Return the movement onto which a rotation by `arms` arms maps a movement, at a junction with `ways` arms."""
-    (start, start_lane), (end, end_lane) = move
-    return ((start + arms) % ways, start_lane), ((end + arms) % ways, end_lane)
-
-
-def _seated(scenario: str, seat: int, turns: int) -> tuple[str, int]:
-    """Return the first in sort order of all rotations of a scenario with its subject; all rotations have the same result."""
-    code = scenario.replace("_", "")
-    rows = range(0, len(code), len(code) // turns)
-    return min((code[len(code) - row :] + code[: len(code) - row], (seat + row) % len(code)) for row in rows)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter, defaultdict
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -86,6 +86,12 @@ class Matrix:
         """Headings of the columns: configuration and rule, or the rule alone for recorded runs."""
         return [f"{cfg} {rule}".lstrip() for cfg, rule in self.columns]
 
+    def plain(self) -> Iterator[str]:
+        """Yield the verdicts as lines of text."""
+        for rows, entries in self.rows:
+            texts = (f"{column} {e.text}" for column, e in zip(self.headings, entries, strict=True) if e.text)
+            yield f"{self.corner} {rows}: {'; '.join(texts)}"
+
     def shortened(self, most: int) -> Matrix:
         """Return the matrix with at most `most` rows and short labels; rows with a failure are kept before other rows."""
         wrong = [any(entry.bad or entry.known for entry in entries) for _, entries in self.rows]
@@ -94,8 +100,8 @@ class Matrix:
         rows = []
         for i, variant in zip(shown_rows, variants, strict=True):
             label, entries = self.rows[i]
-            spans = label.removeprefix(_row_label(variant, "")).split(", ")
-            rows.append((_row_label(variant, first(spans, _SPANS)), entries))
+            begin = f"{variant}  " if variant else ""
+            rows.append((begin + first(label.removeprefix(begin).split(", "), _SPANS), entries))
         return replace(self, rows=tuple(rows), members=tuple(self.members[i] for i in shown_rows), variants=variants)
 
 
@@ -202,10 +208,13 @@ def _matrix(title: str, first_record: Record, digits: int, entries: Mapping[_Spo
         title,
         columns,
         tuple(
-            (_row_label(variant, first(members, _NAMED) if recorded else _spans(members, digits)), row_entries)
+            (
+                (f"{variant}  " if variant else "") + (first(members, _NAMED) if recorded else _spans(members, digits)),
+                row_entries,
+            )
             for (variant, row_entries), members in alike.items()
         ),
-        tuple(tuple(_member_label(variant, member) for member in members) for (variant, _), members in alike.items()),
+        tuple(tuple(f"{variant} {m}" if variant else m for m in members) for (variant, _), members in alike.items()),
         f"variant, {corner}" if any(variants) else corner,
         junction,
         variants,
@@ -221,15 +230,8 @@ def place_of(record: Record) -> Place:
 
 def member_of(record: Record) -> int | str:
     """Return the number of a record's class, or the name of its recording; with the variant if the record has a variant."""
-    return _member_label(*place_of(record)[1])
-
-
-def _member_label(variant: str, member: int | str) -> int | str:
+    variant, member = place_of(record)[1]
     return f"{variant} {member}" if variant else member
-
-
-def _row_label(variant: str, members: str) -> str:
-    return f"{variant}  {members}" if variant else members
 
 
 def _spans(numbers: Sequence[int], width: int) -> str:

@@ -8,11 +8,10 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import ClassVar, TypeAlias
+from typing import TypeAlias
 
 from pytest_rvads.report.counting import Counts
-from pytest_rvads.report.coverage import SIMULTANEOUS, Tried, pairs_tried, simultaneous
-from pytest_rvads.report.figures import LISTED, figures, makers, total
+from pytest_rvads.report.figures import LISTED, SIMULTANEOUS, Tried, figures, makers, pairs_tried, simultaneous, total
 from pytest_rvads.report.matrix import Matrices, Matrix
 from pytest_rvads.report.rollup import Sums, many, sums
 from pytest_rvads.report.session_report import Comparison, Report
@@ -28,8 +27,6 @@ FAILURES = "causes of failures"
 @dataclass(frozen=True, slots=True)
 class _Lines:
     lines: tuple[str, ...]
-    kind: ClassVar[str] = ""
-    """The kind of block, by which a template chooses how to show it."""
 
     def plain(self) -> Iterator[str]:
         """Yield the content of this part of a report as lines of text."""
@@ -40,7 +37,6 @@ class _Lines:
 class Notes(_Lines):
     """Notes on missing or doubtful parts of the report, which formats show before all other blocks."""
 
-    kind: ClassVar[str] = "notes"
     title: str = "notes"
 
 
@@ -48,7 +44,6 @@ class Notes(_Lines):
 class Head:
     """The time and command of the session, its driver, its totals, and its end."""
 
-    kind: ClassVar[str] = "head"
     facts: tuple[tuple[str, str], ...]
     """Pairs of a term and a text, which make a line together; the term of the line on all verdicts is empty."""
     shown: tuple[tuple[str, str], ...] = ()
@@ -64,7 +59,6 @@ class Head:
 class Changes:
     """The changes since the baseline."""
 
-    kind: ClassVar[str] = "changes"
     comparison: Comparison
     title: str = "since the baseline"
     again: str = "pytest"
@@ -83,29 +77,9 @@ class Changes:
 
 
 @dataclass(frozen=True, slots=True)
-class Verdicts:
-    """The verdicts of one test at one junction."""
-
-    kind: ClassVar[str] = "verdicts"
-    matrix: Matrix
-
-    @property
-    def title(self) -> str:
-        """Title of the block: junction, traffic, and test."""
-        return self.matrix.title
-
-    def plain(self) -> Iterator[str]:
-        """Yield the content of this part of a report as lines of text."""
-        for rows, entries in self.matrix.rows:
-            texts = (f"{column} {e.text}" for column, e in zip(self.matrix.headings, entries, strict=True) if e.text)
-            yield f"{self.matrix.corner} {rows}: {'; '.join(texts)}"
-
-
-@dataclass(frozen=True, slots=True)
 class RollUp:
     """Sums of the verdicts at many junctions, in place of a table per junction."""
 
-    kind: ClassVar[str] = "sums"
     sums: tuple[Sums, ...]
     title: str = "verdicts in sums"
 
@@ -119,7 +93,6 @@ class RollUp:
 class Causes:
     """Groups of failures by their cause, or groups of items that did not fail by their reason, sorted by severity."""
 
-    kind: ClassVar[str] = "causes"
     title: str
     causes: tuple[Cause, ...]
     again: str = "pytest"
@@ -141,7 +114,6 @@ class Causes:
 class Section:
     """A part of a comparison of two reports: lines, and possibly a table with the same content, for formats with tables."""
 
-    kind: ClassVar[str] = "section"
     title: str
     lines: tuple[str, ...]
     columns: tuple[str, ...] = ()
@@ -165,7 +137,6 @@ class Section:
 class Figures(_Lines):
     """Extreme values, coverage and durations."""
 
-    kind: ClassVar[str] = "figures"
     title: str = "coverage"
     arrivals: Section | None = None
     """The differences between arrivals that were tried; None in the short form and if no two vehicles met."""
@@ -182,30 +153,29 @@ class Figures(_Lines):
 class Picture(_Lines):
     """A picture on a page, between the head and the causes."""
 
-    kind: ClassVar[str] = "picture"
     title: str = ""
     svg: str = ""
 
 
-Block: TypeAlias = Notes | Head | Changes | RollUp | Verdicts | Causes | Figures | Section | Picture
+Block: TypeAlias = Notes | Head | Changes | RollUp | Matrix | Causes | Figures | Section | Picture
 
-_GROUPED: tuple[tuple[str, Callable[[], ByText]], ...] = (
-    (FAILURES, causes),
-    ("provoked by traffic", provoked),
-    ("unavoidable: nobody could have kept the rule", unavoidable),
-    ("unsure: another reading of what was recorded changes the verdict", unsure),
-    ("known failures", known),
-    ("not applicable, skipped or not run", idle),
+_GROUPED: tuple[tuple[str, Callable[[], ByText], bool], ...] = (
+    (FAILURES, causes, False),
+    ("provoked by traffic", provoked, False),
+    ("unavoidable: nobody could have kept the rule", unavoidable, False),
+    ("unsure: another reading of what was recorded changes the verdict", unsure, False),
+    ("known failures", known, True),
+    ("not applicable, skipped or not run", idle, True),
 )
-"""Title of each block of causes, with the function that makes its collector of records; the short form has no last block."""
-_SETTLED = {"known failures", "not applicable, skipped or not run"}
+"""Per block of causes: its title, the function that makes its collector of records, and whether it is settled; the short form has
+no last block."""
 
 
 def outline(report: Report, short: bool = False, tables: bool = False) -> list[Block]:
     """Return the outline of a report, i.e. its content in blocks, in one pass over its records; empty blocks are left out."""
     counts, matrices = Counts(report), Matrices()
-    groups = [(title, make()) for title, make in (_GROUPED[:-1] if short else _GROUPED)]
-    adds = [counts.add, matrices.add, *(group.add for _, group in groups)]
+    groups = [(title, make(), settled) for title, make, settled in (_GROUPED[:-1] if short else _GROUPED)]
+    adds = [counts.add, matrices.add, *(group.add for _, group, _ in groups)]
     for record in report.records:
         for add in adds:
             add(record)
@@ -220,10 +190,10 @@ def outline(report: Report, short: bool = False, tables: bool = False) -> list[B
     blocks.append(Head((*(fact for fact in beginning if fact[1]), *made), tuple(shown)))
     blocks += [Changes(report.comparison, again=report.again)] if report.comparison else []
     blocks += [RollUp(sums(counts))] if summed else []
-    blocks += map(Verdicts, matrices.matrices()) if tables or not summed else []
-    for title, group in groups:
+    blocks += matrices.matrices() if tables or not summed else []
+    for title, group, settled in groups:
         group_causes = tuple(group.causes(summed))
-        blocks += [Causes(title, group_causes, report.again, title in _SETTLED)] if group_causes else []
+        blocks += [Causes(title, group_causes, report.again, settled)] if group_causes else []
     last = SIMULTANEOUS if simultaneous(counts) else ""
     lines = (*figures(counts, short), *filter(None, [last]))
     return [*blocks, Figures(lines, arrivals=None if short else _arrivals(counts, summed), last=last)]

@@ -4,14 +4,16 @@ Records are typed. Records cross processes and reach hooks as JSON values, and t
 indicators and differences of runs are embedded unchanged; only the explanation of a verdict is left out, because a town (all
 junctions of a map, judged together) can have a million verdicts, and most explanations are never read.
 
-Sessions make a record per item. Campaigns and ``rvads check`` make a record of a run with all its verdicts, which `run_record`
+Sessions make a record per item. Campaigns and ``rvads check`` make a record of a run with all its verdicts, which `by_rule`
 splits into a record per rule.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, TypeAlias
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import msgspec
 from msgspec.structs import replace
@@ -20,6 +22,10 @@ from pytest_rvads.logic.judging.verdicts import Verdict
 from pytest_rvads.logic.outcome import Outcome, Tallied
 from pytest_rvads.runs.measured import ArrivalDifferences, Divergence, Kpis
 from pytest_rvads.support.decoding import encode
+from pytest_rvads.support.storage import slug
+
+if TYPE_CHECKING:
+    from pytest_rvads.runs.run import Run
 
 Count = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 """A non-negative integer that every program reads exactly from JSON."""
@@ -284,3 +290,54 @@ def properties(record: Record) -> list[tuple[str, Any]]:
     pairs += [("change", record.change)] if record.change else []
     pairs += [("driver", record.driver), ("simulator", record.simulator)] if isinstance(record, SimulatedItem) else []
     return pairs
+
+
+def of_run(run: Run) -> dict[str, Any]:
+    """Return the fields of a record that follow from its run, except verdicts and indicators, by name."""
+    fields = {"hash": run.hash, "place": run.junction.digest[:12], "duration": run.duration, "agents": took_part(run)}
+    return fields | measured(run)
+
+
+def took_part(run: Run) -> tuple[AgentRecord, ...]:
+    """Return the agents of a run, each with arm and lane of its entrance and of its exit."""
+    junction = run.junction
+    entrances, exits = ([(lane.arm, lane.lane) for lane in lanes] for lanes in (junction.starts, junction.ends))
+    return tuple(
+        AgentRecord(name=agent.name, kind=agent.kind.value, entrance=entrances[agent.entrance], exit=exits[agent.exit])
+        for agent in run.agents
+    )
+
+
+def kept_run(folder: Path, record: Record) -> Path:
+    """Return the path of the file in which `folder` keeps a run: the id of the test item without the rule."""
+    before, run, after = record.nodeid.partition(record.run or record.nodeid)
+    if record.rule:
+        after = after.replace(f"-{record.rule}", "", 1)
+    return folder / f"{slug(before + run + after)}.npz"
+
+
+def measured(run: Run) -> dict[str, Any]:
+    """Return the fields of a record on the drivers of a run: ``timing`` and ``excess``, each None if no driver has entries."""
+    fields: dict[str, Any] = {}
+    for name, kind in (("timing", Computing), ("excess", Excess)):
+        entry, by_vehicle = run.provenance.get(name), {}
+        for vehicle, value in entry.items() if isinstance(entry, Mapping) else ():
+            with suppress(msgspec.ValidationError):
+                by_vehicle[str(vehicle)] = msgspec.convert(value, kind)
+        fields[name] = by_vehicle or None
+    return fields
+
+
+def by_rule(run_record: Record) -> Iterator[Record]:
+    """Yield a record per verdict on a run, like the records of test items in a session."""
+    kind: type[Record] = RecordedItem if isinstance(run_record, RecordedItem) else SimulatedItem
+    shared = {name: getattr(run_record, name) for name in kind.__struct_fields__}
+    for verdict in run_record.verdicts:
+        result, requirements = verdict.outcome, (verdict.requirement,) if verdict.requirement else ()
+        nodeid = f"{run_record.nodeid}-{verdict.rule}"
+        start = kind(**shared | {"nodeid": nodeid, "rule": verdict.rule, "requirements": requirements})
+        outcome = "failed" if result.bad else "skipped" if result.meaning == "idle" else "passed"
+        error = Outcome.ERROR if result is Outcome.ERROR else None
+        # The reason for a missing verdict has the same text for every rule, so that all such failures of a run have one cause.
+        text = verdict.reason or verdict.message if error else verdict.message
+        yield conclude(start, [verdict], "call", outcome, text=text, error=error)

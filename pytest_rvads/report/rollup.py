@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from pytest_rvads.logic.outcome import Outcome, Tallied, counted, told_in
-from pytest_rvads.report.counting import NEAR, Counts, Site
-from pytest_rvads.report.coverage import TOGETHER
+from pytest_rvads.report.counting import NEAR, TOGETHER, Counts, Site
 from pytest_rvads.support.wording import natural, plural
 
 FEW = 4
@@ -106,7 +105,23 @@ def junction_lines(counts: Counts, site: Site) -> Iterator[str]:
     idle = sorted(rule for rule, tally in by_rule.items() if set(tally) == {Outcome.NA})
     never = f"  (never applicable: {', '.join(idle)})" if idle else ""
     yield f"{site}: {exercised}: {counted(verdicts)}{never}"
-    yield from _order_lines(counts, site)
+    orders = counts.orders.get(site, [])
+    gaps = [gap for gap in orders if gap is not None]
+    texts: list[str] = []
+    for order, times, wide in (
+        ("together with others", [gap for gap in gaps if abs(gap) <= TOGETHER], False),
+        ("after others", [-gap for gap in gaps if gap < -TOGETHER], True),
+        ("before others", [gap for gap in gaps if gap > TOGETHER], True),
+        ("alone", [0.0] * (len(orders) - len(gaps)), False),
+    ):
+        if times:
+            span = " to ".join(dict.fromkeys((f"{min(times):.1f}", f"{max(times):.1f}")))
+            of_all = "" if texts else f" of {plural(len(orders), 'run')}"
+            texts.append(f"{order} in {len(times)}{of_all}{f' (by {span} s)' if wide else ''}")
+    if texts:
+        apart = counts.apart[site]
+        more = f"; in {plural(apart, 'run')} no vehicles were within {NEAR:g} s on a shared stretch" if apart else ""
+        yield f"{site.junction}: the subject arrived {', '.join(texts)}{more}"
 
 
 def _covered(counts: Counts, site: Site) -> Iterator[str]:
@@ -146,27 +161,6 @@ def _full(counts: Counts, site: Site, occupancy: str, totals: tuple[int, int, in
             yield f"{plural(number, thing, several) if total is None else f'{number}/{total} {several}'}{what}{where}"
 
 
-def _order_lines(counts: Counts, site: Site) -> Iterator[str]:
-    """Yield a line on the orders of arrival at a junction, with the gaps; no line if no run has a subject."""
-    orders = counts.orders.get(site, [])
-    gaps = [gap for gap in orders if gap is not None]
-    texts: list[str] = []
-    for order, times, wide in (
-        ("together with others", [gap for gap in gaps if abs(gap) <= TOGETHER], False),
-        ("after others", [-gap for gap in gaps if gap < -TOGETHER], True),
-        ("before others", [gap for gap in gaps if gap > TOGETHER], True),
-        ("alone", [0.0] * (len(orders) - len(gaps)), False),
-    ):
-        if times:
-            span = " to ".join(dict.fromkeys((f"{min(times):.1f}", f"{max(times):.1f}")))
-            of_all = "" if texts else f" of {plural(len(orders), 'run')}"
-            texts.append(f"{order} in {len(times)}{of_all}{f' (by {span} s)' if wide else ''}")
-    if texts:
-        apart = counts.apart[site]
-        more = f"; in {plural(apart, 'run')} no vehicles were within {NEAR:g} s on a shared stretch" if apart else ""
-        yield f"{site.junction}: the subject arrived {', '.join(texts)}{more}"
-
-
 def sums(counts: Counts) -> tuple[Sums, ...]:
     """Return tables of sums: a row per kind of junctions (by name), per rule (most failures first), per junction (`ranked`)."""
     kinds: defaultdict[str, list[Site]] = defaultdict(list)
@@ -186,30 +180,29 @@ def sums(counts: Counts) -> tuple[Sums, ...]:
             wrong_at[rule].add(site.junction)
     occurring = tuple(told_in(sum(of_site.values(), Counter())))
 
-    def row(name: str, texts: Iterable[object], tally: Counter[Tallied]) -> Row:
-        return Row(name, tuple(map(str, texts)), tuple(tally[kind] for kind in occurring))
+    def table(corner: str, headings: Sequence[str], rows: Iterable[tuple[str, Iterable[object], Counter[Tallied]]]) -> Sums:
+        made = (Row(name, tuple(map(str, texts)), tuple(map(tally.__getitem__, occurring))) for name, texts, tally in rows)
+        return Sums(corner, tuple(headings), occurring, tuple(made))
+
+    def summed(sites: Sequence[Site]) -> Counter[Tallied]:
+        return sum((of_site[site] for site in sites), Counter())
 
     def failures(rule: str) -> int:
         return sum(count for kind, count in of_rule[rule].items() if kind and kind.bad)
 
-    of_kinds = [
-        row(
-            kind,
-            (len({site.junction for site in sites}), *_runs(counts, sites)),
-            sum((of_site[site] for site in sites), Counter()),
-        )
+    of_kinds = (
+        (kind, (len({site.junction for site in sites}), *_runs(counts, sites)), summed(sites))
         for kind, sites in sorted(kinds.items(), key=lambda entry: natural(entry[0]))
-    ]
-    by_rule = [
-        row(rule, (len(places[rule]), len(wrong_at[rule])), of_rule[rule])
+    )
+    by_rule = (
+        (rule, (len(places[rule]), len(wrong_at[rule])), of_rule[rule])
         for rule in sorted(of_rule, key=lambda rule: (-failures(rule), natural(rule)))
-    ]
-    by_junction = [
-        row(name, (counts.first[sites[0]].kind, *_runs(counts, sites)), sum((of_site[site] for site in sites), Counter()))
-        for name, sites in junctions.items()
-    ]
+    )
+    by_junction = (
+        (name, (counts.first[sites[0]].kind, *_runs(counts, sites)), summed(sites)) for name, sites in junctions.items()
+    )
     return (
-        Sums("kind", ("junctions", "runs", "wrong"), occurring, tuple(of_kinds)),
-        Sums("rule", ("junctions", "wrong at"), occurring, tuple(by_rule)),
-        Sums("junction", ("kind", "runs", "wrong"), occurring, tuple(by_junction)),
+        table("kind", ("junctions", "runs", "wrong"), of_kinds),
+        table("rule", ("junctions", "wrong at"), by_rule),
+        table("junction", ("kind", "runs", "wrong"), by_junction),
     )

@@ -1,5 +1,9 @@
 """Prints the summary of a session as text for terminals and logs of any width.
 
+A table is laid out in blocks of columns that fit on the terminal; each block repeats the names of all rows. Wide texts are
+wrapped at their spaces. If not even the longest words fit beside each other, each row becomes a list. Only a word that is longer
+than a line is broken. The class rich.table.Table is not used, because it does not split a table into blocks.
+
 This module imports rich, which is slow to import, so sessions import this module only at their end.
 """
 
@@ -7,24 +11,32 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import groupby, zip_longest
 from operator import itemgetter
 from typing import NamedTuple
 
+from rich.cells import cell_len, chop_cells
 from rich.console import Console
 from rich.text import Text
 
-from pytest_rvads.logic.outcome import Outcome
-from pytest_rvads.report.columns import Block as Part
-from pytest_rvads.report.columns import Cell, Column, blocks, wrapped
+from pytest_rvads.logic.outcome import EXPLANATIONS
 from pytest_rvads.report.matrix import Matrix
-from pytest_rvads.report.outline import Block, Causes, Changes, Figures, Head, RollUp, Verdicts, outline
+from pytest_rvads.report.outline import Block, Causes, Changes, Figures, Head, RollUp, outline
 from pytest_rvads.report.rollup import WORST, Sums
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.support.wording import plural, printable
 
+_BREAK = re.compile(r"(?<!\d) | (?!(?:m?s|m|m/s|m/s\^2|NA)(?:[ ,:;).]|$))")
+"""The spaces at which a text can be broken into lines."""
+
+_GAPS = 3, 2
+"""Gap between columns if all columns fit in one block, and gap if the columns need several blocks [characters]."""
+_PLEASANT = 20
+"""Width above which the texts of a column are wrapped, as far as their words allow [characters]."""
+_INDENT = 2
+"""Indent of a line that continues the line above [characters]."""
 _MOST = 10
 """Largest number of causes, and of changes of a kind, that are listed; further causes and changes are counted."""
 _ROWS = 20
@@ -38,16 +50,134 @@ _NARROWEST = 20
 _RELATIVE = re.compile(r"(entrance|arm)\s+\+\d")
 """Matches an arm that a cause counts from the arm of another vehicle, so that the cause is the same for rotated scenarios."""
 _CHANGES = {"NEW": "bold red", "FIXED": "green", "ERODED": "yellow", "LOST": "yellow"}
-_MEANINGS = {
-    Outcome.NA: "the rule did not apply",
-    Outcome.UNAVOIDABLE: "nobody could have kept the rule",
-    Outcome.PROVOKED: "broken by the doing of the traffic, not of the vehicle under test",
-    Outcome.OPEN: "still owed at the end of the run",
-    Outcome.UNSURE: "the recording is not exact enough to tell",
-    Outcome.FLAKY: "the same start gave another run, or the same run another verdict",
-    Outcome.NOT_JUDGED: "the test judged nothing",
-}
-"""The explanations of outcomes in tables."""
+
+
+class Cell(NamedTuple):
+    """A cell of a table: a text with its style on a terminal."""
+
+    text: str = ""
+    style: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column of a table: its headings from top to bottom, and a cell per row."""
+
+    heads: tuple[str, ...]
+    cells: tuple[Cell, ...]
+    right: bool = False
+    """Whether the texts are aligned at the right, as numbers are."""
+    group: Hashable = None
+    """Name of a group: neighbouring columns of a group stay in one block if the width allows."""
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A part of a table with some of its columns, as lines of text."""
+
+    columns: tuple[int, ...]
+    """The numbers of the columns in the table."""
+    lines: tuple[Text, ...]
+
+
+def wrapped(text: str, width: int, indent: int = 0) -> list[str]:
+    """Return a text as lines, broken at spaces, but not between a number and its unit; a word longer than a line is cut.
+
+    All lines except the first are indented by `indent` characters.
+    """
+    lines = [""]
+    for word in _BREAK.split(text):
+        joined = f"{lines[-1]} {word}" if lines[-1].strip() else lines[-1] + word
+        if cell_len(joined) <= width:
+            lines[-1] = joined
+            continue
+        pieces = [word] if cell_len(word) <= width - indent else chop_cells(word, max(width - indent, 2))
+        lines += [" " * indent + piece for piece in pieces]
+    return lines[1:] if len(lines) > 1 and not lines[0] else lines
+
+
+def blocks(corner: str, labels: Sequence[str], columns: Sequence[Column], width: int, rule: str = "-") -> list[Part]:
+    """Return a table as blocks of at most `width` characters."""
+    if not columns:
+        return []
+    label_width = max(map(cell_len, (corner, *labels)))
+    widths, longest_word = [], 0
+    for column in columns:  # as wide as the longest text, or as the longest word if the texts are long
+        texts = [*column.heads, *(cell.text for cell in column.cells)]
+        word = max(map(_longest, texts))
+        longest_word = max(longest_word, word)
+        widths.append(max(cell_len(line) for text in texts for line in wrapped(text, max(_PLEASANT, word))))
+    gap = _GAPS[1 + label_width + sum(_GAPS[0] + column_width for column_width in widths) > width]
+    if 1 + label_width + sum(gap + column_width for column_width in widths) > width:
+        word = max(_longest(text) for text in (corner, *labels))
+        most = max(min(label_width, width // 3), min(label_width, word + _INDENT))
+        label_width = max(cell_len(line) for text in (corner, *labels) for line in wrapped(text, most, _INDENT))
+        if 1 + label_width + gap + longest_word > width:
+            # As a list: the name of each row, followed by its cells with their headings.
+            lines: list[Text] = []
+            for number, label in enumerate(labels):
+                lines += [Text(f" {line}") for line in wrapped(f"{corner} {label}", width - 1, _INDENT)]
+                cells = [f"{' '.join(filter(None, c.heads))}: {c.cells[number].text}" for c in columns if c.cells[number].text]
+                parts = wrapped("; ".join(cells), width - 1 - _INDENT, _INDENT)
+                lines += [Text(f"{' ' * (1 + _INDENT)}{line}") for line in parts]
+            return [Part(tuple(range(len(columns))), tuple(lines))]
+    room = width - 1 - label_width
+    widths = [min(column_width, room - gap) for column_width in widths]
+    result = []
+    for page in _packed(columns, [gap + column_width for column_width in widths], room):
+        shown = [(columns[i], widths[i]) for i in page]
+        result.append(Part(page, _block_lines(corner, labels, label_width, shown, gap, rule)))
+    return result
+
+
+def _longest(text: str) -> int:
+    return max(map(cell_len, text.split(" ")))
+
+
+def _packed(columns: Sequence[Column], widths: Sequence[int], room: int) -> list[tuple[int, ...]]:
+    """Return the numbers of the columns in each block of a table."""
+    pages: list[list[int]] = [[]]
+    used = 0
+    for _, members in groupby(range(len(columns)), lambda i: columns[i].group or i):
+        group = list(members)
+        together = sum(widths[i] for i in group)
+        for k, i in enumerate(group):
+            if pages[-1] and used + (widths[i] if k else together) > room:
+                pages.append([])
+                used = 0
+            pages[-1].append(i)
+            used += widths[i]
+    return [tuple(page) for page in pages]
+
+
+def _block_lines(
+    corner: str, labels: Sequence[str], label_width: int, shown: Sequence[tuple[Column, int]], gap: int, rule: str
+) -> tuple[Text, ...]:
+    """Return the lines of one block of a table, whose columns are `shown` with their widths; a cell can take several lines."""
+    lines: list[Text] = []
+
+    def add_row(label: str, cells: Sequence[Cell]) -> None:
+        texts = [wrapped(cell.text, width) for cell, (_, width) in zip(cells, shown, strict=True)]
+        for name, *parts in zip_longest(wrapped(label, label_width, _INDENT), *texts, fillvalue=""):
+            line = Text(f" {name}{' ' * (label_width - cell_len(name))}")
+            for part, cell, (column, width) in zip(parts, cells, shown, strict=True):
+                pad = " " * (width - cell_len(part))
+                line.append(" " * gap + (pad if column.right else ""))
+                line.append(part, style=cell.style)
+                line.append("" if column.right else pad)
+            line.rstrip()
+            lines.append(line)
+
+    *upper, lowest = zip(*(column.heads for column, _ in shown), strict=True)
+    for heads in upper:  # neighbouring columns with the same heading show the heading once
+        once = [head if not k or heads[k - 1] != head else "" for k, head in enumerate(heads)]
+        if any(once):
+            add_row("", [Cell(head) for head in once])
+    add_row(corner, [Cell(head) for head in lowest])
+    lines.append(Text(rule * (1 + label_width + sum(gap + width for _, width in shown))))
+    for number, label in enumerate(labels):
+        add_row(label, [column.cells[number] for column, _ in shown])
+    return tuple(lines)
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +203,7 @@ def summary(
 def summarise(report: Report, *, colour: bool, width: int, unicode: bool, full: bool, more: str, head: bool = True) -> Summary:
     """Return the summary of a report as text of a width [characters] in two parts: verdicts and causes."""
     verdicts, causes = (_Screen(colour, max(width, _NARROWEST), unicode, full, more) for _ in range(2))
-    tables: list[RollUp | Verdicts] = []
+    tables: list[RollUp | Matrix] = []
     later_blocks: list[Block] = []
     for block in outline(report, short=not full, tables=full):
         match block:
@@ -81,7 +211,7 @@ def summarise(report: Report, *, colour: bool, width: int, unicode: bool, full: 
                 verdicts.lines(block.plain(brief=not head))
             case Changes():
                 verdicts.changes(block)
-            case RollUp() | Verdicts():
+            case RollUp() | Matrix():
                 tables.append(block)
             case Causes(settled=False):
                 causes.lines([""] if causes.text() else [])
@@ -129,6 +259,7 @@ class _Screen:
         self._width, self._rule = width, "─" if unicode else "-"
         self.most = None if full else _MOST
         self._full, self._more = full, more
+        self._length = _LENGTH if full else _BRIEF
 
     def text(self) -> str:
         """Return the text that was rendered so far."""
@@ -140,11 +271,11 @@ class _Screen:
             for line in wrapped(_fit(text, self._length), self._width, 4):
                 self._print_line(line)
 
-    def tables(self, table_blocks: Sequence[RollUp | Verdicts]) -> None:
+    def tables(self, table_blocks: Sequence[RollUp | Matrix]) -> None:
         """Render as many blocks of tables as fit on a screen, but at least one; blocks with failures come first."""
         tables: list[_Table] = []
         for block in table_blocks:
-            tables += self._sums_tables(block.sums) if isinstance(block, RollUp) else [self._matrix_table(block.matrix)]
+            tables += self._sums_tables(block.sums) if isinstance(block, RollUp) else [self._matrix_table(block)]
         # First blocks of all tables precede second blocks.
         ranked = sorted(
             (not wrong, table.wrong[:k].count(wrong), number, k)
@@ -161,26 +292,24 @@ class _Screen:
         hidden_tables = 0
         for number, table in enumerate(tables):
             parts = [k for k in range(len(table.parts)) if (number, k) in shown]
-            if parts or not table.parts:
-                self._print_table(table, parts)
-            hidden_tables += bool(table.parts and not parts)
+            if table.parts and not parts:
+                hidden_tables += 1
+                continue
+            if table.title:
+                self._print_line(table.title, "bold")
+            for k in parts:
+                for line in table.parts[k].lines:
+                    self._console.print(line, soft_wrap=True)
+            columns = sum(len(part.columns) for k, part in enumerate(table.parts) if k not in parts)
+            for left_out in filter(None, (table.hidden, plural(columns, "more column") if columns else "")):
+                self._print_paragraph(f"... and {left_out}: {self._more}")
+            for text in (*dict.fromkeys(text for k in parts for text in table.below[k]), ""):
+                self._print_line(text)
         if hidden_tables:
             self._print_line(f"... and {plural(hidden_tables, 'more table')}: {self._more}\n")
         if explanations := "; ".join(legend(table_blocks)):
             self._print_paragraph(explanations)
             self._print_line("")
-
-    def _print_table(self, table: _Table, parts: Sequence[int]) -> None:
-        if table.title:
-            self._print_line(table.title, "bold")
-        for k in parts:
-            for line in table.parts[k].lines:
-                self._console.print(line, soft_wrap=True)
-        columns = sum(len(part.columns) for k, part in enumerate(table.parts) if k not in parts)
-        for left_out in filter(None, (table.hidden, plural(columns, "more column") if columns else "")):
-            self._print_paragraph(f"... and {left_out}: {self._more}")
-        for text in (*dict.fromkeys(text for k in parts for text in table.below[k]), ""):
-            self._print_line(text)
 
     def _matrix_table(self, full_matrix: Matrix) -> _Table:
         matrix = full_matrix if self._full else full_matrix.shortened(_ROWS)
@@ -204,24 +333,22 @@ class _Screen:
     def _sums_tables(self, sums: Sequence[Sums]) -> list[_Table]:
         """Return the tables of sums, cut to the largest number of rows per table with which all tables fit on one screen."""
         for most in (None,) if self._full else (WORST, 15, 12, 10, 8, 6, 5, 4, 3):
-            tables = [
-                self._sums_table(table_of_sums, most, "" if k else "verdicts in sums") for k, table_of_sums in enumerate(sums)
-            ]
+            tables: list[_Table] = []
+            for table in sums:
+                rows = [table.cells(row) for row in table.rows[:most]]
+                columns = [
+                    Column((_fit(head),), tuple(Cell(_fit(row[i]), table.styles[i]) for row in rows), table.sides[i] == "right")
+                    for i, head in enumerate(table.columns)
+                ]
+                parts = blocks(table.corner, [_fit(row[0]) for row in rows], columns[1:], self._width, self._rule)
+                more = len(table.rows) - len(rows)
+                hidden = plural(more, f"more {table.corner}") if more else ""
+                # No table of sums is left out before a matrix: sums are cut by rows.
+                wrong, below = [True] * len(parts), [list[str]() for _ in parts]
+                tables.append(_Table("" if tables else "verdicts in sums", parts, hidden, wrong, below))
             if sum(table.height(k) for table in tables for k in range(len(table.parts))) <= _LINES:
                 break
         return tables
-
-    def _sums_table(self, sums: Sums, most: int | None, title: str) -> _Table:
-        rows = [sums.cells(row) for row in sums.rows[:most]]
-        columns = [
-            Column((_fit(sums.columns[i]),), tuple(Cell(_fit(row[i]), sums.styles[i]) for row in rows), sums.sides[i] == "right")
-            for i in range(1, len(sums.columns))
-        ]
-        parts = blocks(sums.corner, [_fit(row[0]) for row in rows], columns, self._width, self._rule)
-        more = len(sums.rows) - len(rows)
-        # No table of sums is left out before a matrix: sums are cut by rows.
-        wrong, below = [True] * len(parts), [list[str]() for _ in parts]
-        return _Table(title, parts, plural(more, f"more {sums.corner}") if more else "", wrong, below)
 
     def _print_paragraph(self, text: str) -> None:
         for line in wrapped(text, self._width - 1, 2):
@@ -250,10 +377,6 @@ class _Screen:
         if self.most is not None and len(block.causes) > self.most:
             self._print_line(f"  ... and {len(block.causes) - self.most} more: {self._more}")
 
-    @property
-    def _length(self) -> int:
-        return _LENGTH if self._full else _BRIEF
-
     def _print_line(self, text: str, style: str = "") -> None:
         """Print a line without line breaks, so that a command in the line can be copied."""
         end = "\n" if text.endswith("\n") else ""
@@ -265,25 +388,15 @@ def _fit(text: str, length: int = _LENGTH) -> str:
     return printable(text.replace("\n", " "), length)
 
 
-def legend(tables: Iterable[RollUp | Verdicts]) -> Iterator[str]:
+def legend(tables: Sequence[RollUp | Matrix]) -> Iterator[str]:
     """Yield explanations of the outcomes in the tables, such as NA, for readers who do not know the outcomes."""
-    kinds: set[Outcome] = set()
-    known = shares = summed = False
-    for block in tables:
-        match block:
-            case Verdicts(matrix):
-                entries = {entry for _, row in matrix.rows for entry in row if entry.outcome}
-                kinds |= {entry.outcome for entry in entries if entry.outcome and not entry.known}
-                known = known or any("xfail" in entry.text for entry in entries)
-                shares = shares or any("/" in entry.text for entry in entries)
-            case RollUp(sums):
-                summed = True
-                kinds |= {kind for table in sums for kind in table.kinds if kind}
-                known = known or any(None in table.kinds for table in sums)
+    entries = [entry for block in tables if isinstance(block, Matrix) for _, row in block.rows for entry in row]
+    summed = [table for block in tables if isinstance(block, RollUp) for table in block.sums]
+    kinds = {entry.outcome for entry in entries if not entry.known}.union(*(table.kinds for table in summed))
     if summed:
         yield "wrong: runs with a failure that is not known, wrong at: junctions with such runs"
-    if shares:
+    if any("/" in entry.text for entry in entries):
         yield "1/4: one of four items"
-    yield from (f"{kind.small}: {meaning}" for kind, meaning in _MEANINGS.items() if kind in kinds)
-    if known:
+    yield from (f"{kind.small}: {explanation}" for kind, explanation in EXPLANATIONS.items() if kind in kinds)
+    if any(None in table.kinds for table in summed) or any("xfail" in entry.text for entry in entries):
         yield "known, xfail: a failure that the tests expect, by the reason that they give"

@@ -18,6 +18,7 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from operator import itemgetter
 
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
@@ -168,7 +169,7 @@ class ByText:
         """Add a record to the group of its text."""
         test, variant = _variant(record)
         self._variants[test].add(variant)
-        self._seats.add(_seat(record))
+        self._seats.add(getattr(record, "seat", None))
         text = self._text(record)
         if text is not None:
             self._chosen.append((record, text))
@@ -201,7 +202,7 @@ class ByText:
         variants = {variant for _, variant in places}
         if "" in variants or variants >= set().union(*(self._variants[test] for test, _ in places)):
             variants = set()
-        seats = {seat for seat in map(_seat, records) if seat is not None}
+        seats = {record.seat for record in records if isinstance(record, SimulatedItem) and record.seat is not None}
         cause = Cause(
             rules=tuple(rules),
             text=f"{example.text} ({example.roles})" if len(roles) == 1 and example.roles else example.text,
@@ -268,40 +269,17 @@ def _variant(record: Record) -> tuple[str, str]:
     return (record.nodeid.partition("[")[0], record.variant) if record.variant else ("", "")
 
 
-def _seat(record: Record) -> int | None:
-    return record.seat if isinstance(record, SimulatedItem) else None
+def _idle(record: Record) -> str | None:
+    without_verdict = not (record.failed or record.known or record.outcome == "passed" or record.status is Outcome.UNSURE)
+    return first_line(record) if without_verdict and record.message else None
 
 
-def causes() -> ByCause:
-    """Return an empty collector that groups the records of unexpected failures by their cause."""
-    return ByCause(lambda record: record.failed)
-
-
-def provoked() -> ByCause:
-    """Return an empty collector that groups PROVOKED items by their cause: traffic, not the subject, is to blame."""
-    return ByCause(lambda record: record.status is Outcome.PROVOKED)
-
-
-def unavoidable() -> ByCause:
-    """Return an empty collector that groups UNAVOIDABLE test items by their cause, without items that failed."""
-    return ByCause(lambda record: record.status is Outcome.UNAVOIDABLE and not record.failed)
-
-
-def unsure() -> ByText:
-    """Return an empty collector that groups UNSURE test items by their doubts, without items that failed."""
-    return ByText(lambda record: hanging(record) if record.status is Outcome.UNSURE and not record.failed else None)
-
-
-def known() -> ByText:
-    """Return an empty collector that groups known failures by the reason that their xfail marks give."""
-    return ByText(lambda record: record.known or None)
-
-
-def idle() -> ByText:
-    """Return an empty collector that groups test items without a verdict (such as NA or NOT RUN) by their reason."""
-
-    def reason(record: Record) -> str | None:
-        without_verdict = not (record.failed or record.known or record.outcome == "passed" or record.status is Outcome.UNSURE)
-        return first_line(record) if without_verdict and record.message else None
-
-    return ByText(reason)
+causes = partial(ByCause, lambda record: record.failed)
+"""Makes a collector of unexpected failures by their cause."""
+provoked = partial(ByCause, lambda record: record.status is Outcome.PROVOKED)
+unavoidable = partial(ByCause, lambda record: record.status is Outcome.UNAVOIDABLE and not record.failed)
+unsure = partial(ByText, lambda record: hanging(record) if record.status is Outcome.UNSURE and not record.failed else None)
+known = partial(ByText, lambda record: record.known or None)
+"""Makes a collector of known failures by the reason that their xfail marks give."""
+idle = partial(ByText, _idle)
+"""Makes a collector of items without a verdict, such as NA or NOT RUN, by their reason."""

@@ -21,8 +21,8 @@ from pytest_rvads.geometry.precedence import Reason
 from pytest_rvads.geometry.turns import turn_word
 from pytest_rvads.logic.judging.verdicts import Verdict
 from pytest_rvads.logic.outcome import MARKS
-from pytest_rvads.report.draw.scene import Scene, body, course, draw_ways, inks, label, picture, still
 from pytest_rvads.report.outline import Causes, Head, Notes, outline
+from pytest_rvads.report.scene import Scene, body, course, draw_ways, inks, label, picture, still
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.measured import Kpis

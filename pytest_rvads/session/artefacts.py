@@ -24,10 +24,10 @@ from pytest_rvads.support.wording import named_error, one_line, quoted
 if TYPE_CHECKING:
     from pytest_rvads.logic.judging.verdicts import Verdict
     from pytest_rvads.logic.rules.rule import Rule
+    from pytest_rvads.report.failures import Beside
     from pytest_rvads.report.record import Record
     from pytest_rvads.report.session_report import Report
     from pytest_rvads.runs.run import Run
-    from pytest_rvads.satellites.pages.replay import Beside
 
 _MOST_PAGES = 20
 """Number of failures after which a process draws only the first failure of every further rule."""
@@ -59,10 +59,11 @@ def look(
         if drawn.total() >= _MOST_PAGES and drawn[verdict.rule]:
             folder_option = option(Path(session.relative(folder)))
             return f"not drawn, and {unsaved}" if unsaved else f"rvads replay {folder_option} {quoted(item.nodeid)}", ""
-        from pytest_rvads.satellites.pages.failure_page import failure_pages, failure_picture, moment
+        from pytest_rvads.report.failures import failure_picture, moment
+        from pytest_rvads.support.installed import load
 
         path = folder / f"{slug(item.nodeid)}.html"
-        page = next(failure_pages(run, verdict, rule, notes, around()))
+        page = next(load("pages", "failure")(run, verdict, rule, notes, around()))
         write_file(path, page.html.encode())
         image = failure_picture(run, verdict)
         write_file(path.with_suffix(".svg"), image.encode())
@@ -108,10 +109,8 @@ def beside(item: pytest.Item, options: Options, record: Record, run: Run, start:
     from pytest_rvads.logic.check import other_verdicts
     from pytest_rvads.logic.rules.book import rules_for
     from pytest_rvads.report import files
+    from pytest_rvads.report.failures import Beside, earlier_run, facts, summed, usual_rules
     from pytest_rvads.report.folders import INDEX
-    from pytest_rvads.report.run_record import summed
-    from pytest_rvads.satellites.pages.failure_page import earlier_run, facts, usual_rules
-    from pytest_rvads.satellites.pages.replay import Beside
 
     marks = [pair for name in ("scenario", "recorded") for pair in item.iter_markers_with_node(f"rvads_{name}")]
     # All rules that the nearest marks name, not only the selected rules.

@@ -246,7 +246,7 @@ class Session:
 
     def _report(self, exitstatus: int, cut: bool) -> Report:
         """Return the report of the session; its exit status includes the baseline and the required coverage."""
-        from pytest_rvads.report.coverage import shortfall, untested
+        from pytest_rvads.report.figures import shortfall, untested
         from pytest_rvads.report.session_report import Report, in_order
         from pytest_rvads.support.installed import ENGINES, versions
 
@@ -274,7 +274,7 @@ class Session:
             kept=self._kept_folder(),
         )
         if self.baseline:
-            from pytest_rvads.report.baseline import compare, with_baseline
+            from pytest_rvads.report.session_report import compare, with_baseline
 
             name = self.options.baseline.name if self.options.baseline else ""
             report = with_baseline(report, compare(report, self.baseline, name, self.planner.no_longer_exists))

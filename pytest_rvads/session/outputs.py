@@ -26,7 +26,7 @@ from pytest_rvads.session.options import OPTIONS, Options
 from pytest_rvads.support.wording import named_error, one_line, plural, quoted
 
 if TYPE_CHECKING:
-    from pytest_rvads.report.journal import Journal
+    from pytest_rvads.report.files import Journal
     from pytest_rvads.report.record import Record
     from pytest_rvads.report.session_report import Cell, Extent, Report
     from pytest_rvads.session.plan import Planner
@@ -74,7 +74,7 @@ def claim(early_config: pytest.Config) -> None:
     names = arguments.rvads_report or early_config.getini("rvads_report")
     report = _first_json([early_config.invocation_params.dir / name for name in names])
     if report and not _runs_nothing(arguments):
-        from pytest_rvads.report.journal import claim
+        from pytest_rvads.report.files import claim
 
         claim(report)
 
@@ -105,7 +105,7 @@ class Outputs:
     @cached_property
     def journal(self) -> Journal:
         """The journal, a file to which the record of every test item is appended when the item ends."""
-        from pytest_rvads.report.journal import Journal
+        from pytest_rvads.report.files import Journal
 
         journal = Journal(_first_json(self._reports))
         self._config.add_cleanup(journal.close)

@@ -29,7 +29,9 @@ def entries(group: str) -> Mapping[str, EntryPoint]:
 
 def load(group: str, name: str) -> Any:
     """Return the object that an entry point names."""
-    entry = entries(group)[name]
+    entry = entries(group).get(name)
+    if entry is None:
+        raise RvadsError(f"no installed package has an entry point {name} of rvads.{group}: install all of pytest-rvads again")
     try:
         return entry.load()
     except (Exception, SystemExit) as error:  # the module of another package may raise any exception

@@ -13,8 +13,8 @@ from msgspec import structs
 
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
-from pytest_rvads.report.draw.scene import picture
 from pytest_rvads.report.record import Record, conclude, planned_record
+from pytest_rvads.report.scene import picture
 from pytest_rvads.report.session_report import Change, Comparison, Report, in_order
 from pytest_rvads.report.terminal import summary
 from pytest_rvads.runs.itineraries import Itinerary
@@ -22,7 +22,7 @@ from pytest_rvads.runs.recording import Recording
 from pytest_rvads.runs.recording import Track as Samples
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Kind
-from pytest_rvads.satellites.lgsvl import LgsvlLike
+from pytest_rvads.satellites.lgsvl.pilot import LgsvlLike
 from pytest_rvads.satellites.pages.page import page
 from pytest_rvads.satellites.pages.replay import Track, replay
 from pytest_rvads.scenarios.case import Case

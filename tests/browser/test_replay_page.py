@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from pytest_rvads.geometry.finder import find
-from pytest_rvads.report.draw.animated import animated
+from pytest_rvads.report.animated import animated
+from pytest_rvads.report.failures import Beside
 from pytest_rvads.runs.run import Collision, Run
-from pytest_rvads.satellites.pages.replay import Beside, replay
+from pytest_rvads.satellites.pages.replay import replay
 from pytest_rvads.scenarios.scenario import Scenario
 
 from ..run_builders import gliding

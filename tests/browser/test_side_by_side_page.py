@@ -8,8 +8,7 @@ import pytest
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.report.record import conclude, planned_record
 from pytest_rvads.report.session_report import Report
-from pytest_rvads.report.side_by_side import side_by_side
-from pytest_rvads.report.side_by_side_forms import save
+from pytest_rvads.report.side_by_side import save, side_by_side
 
 HOSTILE = "<img src=x onerror=document.title=1> </script><b>v1"
 

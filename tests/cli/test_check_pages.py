@@ -15,14 +15,14 @@ from pytest_rvads.cli import main
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
-from pytest_rvads.report.draw.scene import picture
+from pytest_rvads.report.failures import failure_picture, moment
+from pytest_rvads.report.scene import picture
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.recording import Recording, Track
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.runfile import save_run
 from pytest_rvads.runs.states import Agent
-from pytest_rvads.satellites.pages.failure_page import failure_pages, failure_picture, moment
-from pytest_rvads.satellites.pages.replay import events
+from pytest_rvads.satellites.pages.replay import events, failure_pages
 
 Make = Callable[..., Run]
 RUN = ("dt", "start", "opened", "agents", "motion", "zones", "lights", "tracks", "responsible", "marked", "events")

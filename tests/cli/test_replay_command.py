@@ -12,13 +12,13 @@ from typing import Any
 import msgspec
 import pytest
 
-from pytest_rvads.cli import main, replayed
-from pytest_rvads.report.draw.animated import animated
+from pytest_rvads.cli import main
+from pytest_rvads.report.animated import animated
+from pytest_rvads.report.failures import Beside
 from pytest_rvads.report.folders import claimed, run_file
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.runfile import load_run
-from pytest_rvads.satellites.pages import failure_page
-from pytest_rvads.satellites.pages.replay import Beside
+from pytest_rvads.satellites.pages import replay
 from tests.inner_sessions import driven_by
 
 TESTS = driven_by(
@@ -86,12 +86,13 @@ def said(capsys: pytest.CaptureFixture[str]) -> Said:
 def shown(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
     """What pages are drawn of: run, verdict, rule, notes, and what stands beside."""
     found: list[tuple[Any, ...]] = []
+    pages = replay.failure_pages
 
     def spy(*arguments: Any) -> Any:
         found.append(arguments)
-        return failure_page.failure_pages(*arguments)
+        return pages(*arguments)
 
-    monkeypatch.setattr(replayed, "failure_pages", spy)
+    monkeypatch.setattr(replay, "failure_pages", spy)
     return found
 
 

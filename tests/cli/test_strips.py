@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from pytest_rvads.report.draw.curves import draw_dynamics
+from pytest_rvads.report.svg import draw_dynamics
 from pytest_rvads.satellites.starts.all_lines import Band, StripRow, _page, draw_strips
 
 

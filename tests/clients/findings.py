@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest_rvads as rvads
-from pytest_rvads.report.draw.animated import animated
+from pytest_rvads.report.animated import animated
 
 FOREIGN = Path(__file__).parents[2] / "clients" / "foreign"
 DRIVERS = {"agents", "PathTracking", "PathPlanning", "utils", *(file.stem for file in FOREIGN.glob("*.py"))}

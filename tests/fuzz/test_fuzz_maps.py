@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.geometry.road_map import RoadMap, describe, read_map
-from pytest_rvads.report.draw.map_picture import draw_map
+from pytest_rvads.report.map_picture import draw_map
 from pytest_rvads.support.errors import MapError
 from tools.crossings import Layout, opendrive
 

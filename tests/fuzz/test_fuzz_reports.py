@@ -25,14 +25,14 @@ from pytest_rvads.geometry.opendrive.map_file import path_of
 from pytest_rvads.geometry.road_map import read_map
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.conduct.kpis import kpis
-from pytest_rvads.report.draw.map_picture import draw_map
-from pytest_rvads.report.draw.scene import picture
 from pytest_rvads.report.files import FORMATS, load
+from pytest_rvads.report.map_picture import draw_map
 from pytest_rvads.report.record import Computing, conclude, planned_record
+from pytest_rvads.report.scene import picture
 from pytest_rvads.report.session_report import Change, Comparison, Report, cell_of
 from pytest_rvads.report.terminal import summary
 from pytest_rvads.runs.run import Fault, Run
-from pytest_rvads.satellites.lgsvl import LgsvlLike
+from pytest_rvads.satellites.lgsvl.pilot import LgsvlLike
 from pytest_rvads.satellites.pages.replay import Track, replay
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario

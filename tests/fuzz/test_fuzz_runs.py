@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.conduct.kpis import kpis
 from pytest_rvads.logic.conduct.validate import damage, validate
-from pytest_rvads.report.draw.scene import picture
+from pytest_rvads.report.scene import picture
 from pytest_rvads.runs.readers import read_runs
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.runfile import load_run, save_run

@@ -18,7 +18,7 @@ from pytest_rvads.geometry.network import Doubt
 from pytest_rvads.geometry.opendrive.map_file import path_of
 from pytest_rvads.geometry.road_map import describe, read_map
 from pytest_rvads.geometry.turns import Turn
-from pytest_rvads.report.draw.map_picture import draw_map
+from pytest_rvads.report.map_picture import draw_map
 from tools.crossings import Layout, opendrive
 from tools.make_maps import CROSSINGS
 

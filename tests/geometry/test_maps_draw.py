@@ -11,8 +11,8 @@ from pytest_rvads.geometry.finder import names
 from pytest_rvads.geometry.opendrive.map_file import path_of
 from pytest_rvads.geometry.road_map import read_map
 from pytest_rvads.geometry.turns import Turn
-from pytest_rvads.report.draw.map_picture import draw_map
-from pytest_rvads.report.draw.svg import arrow, wrap
+from pytest_rvads.report.map_picture import draw_map
+from pytest_rvads.report.svg import arrow, wrap
 from tools.crossings import Layout, opendrive
 
 from .conftest import Read

@@ -20,8 +20,8 @@ from pytest_rvads.geometry.opendrive.map_file import path_of
 from pytest_rvads.geometry.precedence import Reason
 from pytest_rvads.geometry.road_map import describe, read_map
 from pytest_rvads.logic.check import check
-from pytest_rvads.report.draw.map_picture import draw_map
-from pytest_rvads.report.draw.scene import draw_ways
+from pytest_rvads.report.map_picture import draw_map
+from pytest_rvads.report.scene import draw_ways
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate

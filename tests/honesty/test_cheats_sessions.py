@@ -3,7 +3,7 @@
 import pytest
 
 from pytest_rvads.cli import main
-from pytest_rvads.report.coverage import SIMULTANEOUS
+from pytest_rvads.report.figures import SIMULTANEOUS
 from tests.inner_sessions import records_of
 from tools.crossings import Layout, opendrive
 

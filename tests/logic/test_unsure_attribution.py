@@ -6,8 +6,8 @@ from dataclasses import replace
 import pytest
 
 from pytest_rvads import Run, Status, check
-from pytest_rvads.errors import RunError
 from pytest_rvads.runs.run import Facts
+from pytest_rvads.support.errors import RunError
 
 from ..run_builders import coarse
 

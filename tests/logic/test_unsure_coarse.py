@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from pytest_rvads import Run, Status, check
-from pytest_rvads.files import read_recorded
+from pytest_rvads.runs.readers import read_recorded
 from pytest_rvads.runs.states import Colour, Zone
 
 from ..run_builders import coarse

@@ -9,8 +9,8 @@ import pytest
 
 from pytest_rvads import Agent, Case, LgsvlLike, Run, Scenario, Status, check, find, simulate, validate
 from pytest_rvads.logic.rules.book import rules_for
+from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.recording import Recording, Track
-from pytest_rvads.values import Itinerary
 from studies.mutants import MUTANTS
 
 KEPT = {Status.PASS, Status.NA, None}

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from pytest_rvads import Case, Reference, RollingStop, Run, Scenario, Status, check, find, simulate
-from pytest_rvads.files import read_tracks
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.recording import Recording
+from pytest_rvads.satellites.tracks.importing import read_tracks
 
 COLUMNS = ("time", "id", "x", "y", "heading", "vx", "vy", "length", "width")
 STOP = find("stop4")

@@ -12,8 +12,7 @@ from textwrap import dedent
 import pytest
 
 from pytest_rvads.cli import main
-from pytest_rvads.report.files import load
-from pytest_rvads.report.journal import journal_of
+from pytest_rvads.report.files import journal_of, load
 
 LONG = 60
 """No session takes longer [s]."""

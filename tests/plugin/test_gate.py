@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from pytest_rvads.cli import main
-from pytest_rvads.report.coverage import SIMULTANEOUS
+from pytest_rvads.report.figures import SIMULTANEOUS
 from pytest_rvads.report.files import load
 from pytest_rvads.report.outline import outline
 from tests.inner_sessions import records_of

@@ -142,13 +142,13 @@ def test_interrupted_session_keeps_its_records(pytester: pytest.Pytester) -> Non
 
 def test_a_picture_that_fails_costs_no_verdict(pytester: pytest.Pytester) -> None:
     tests = """
-        import pytest_rvads.satellites.pages.failure_page
+        import pytest_rvads.satellites.pages.replay
 
         @pytest.fixture(autouse=True)
         def broken(monkeypatch):
             def fails(*args, **beside):
                 raise ValueError("no ink")
-            monkeypatch.setattr(pytest_rvads.satellites.pages.failure_page, "replay", fails)
+            monkeypatch.setattr(pytest_rvads.satellites.pages.replay, "replay", fails)
             yield
 
         @rvads.scenario("stop4", classes=7, grid="C", rules="p1")

@@ -13,11 +13,11 @@ import pytest
 
 from pytest_rvads.cli import main
 from pytest_rvads.report import folders
+from pytest_rvads.report.failures import Beside
 from pytest_rvads.report.folders import claimed
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.runfile import load_run
-from pytest_rvads.satellites.pages import failure_page
-from pytest_rvads.satellites.pages.replay import Beside
+from pytest_rvads.satellites.pages import replay
 from pytest_rvads.session import artefacts
 from tests.inner_sessions import FAILING, driven_by, records_of
 
@@ -258,13 +258,13 @@ def test_hostile_ids_become_plain_file_names_and_quoted_words(
 def shown(monkeypatch: pytest.MonkeyPatch) -> list[Beside]:
     """What stands beside the pages of sessions within this test."""
     found: list[Beside] = []
-    pages = failure_page.failure_pages
+    pages = replay.failure_pages
 
     def spy(run: Run, verdict: Any, rule: Any, notes: str, beside: Beside) -> Iterator[Any]:
         found.append(beside)
         return pages(run, verdict, rule, notes, beside)
 
-    monkeypatch.setattr(failure_page, "failure_pages", spy)
+    monkeypatch.setattr(replay, "failure_pages", spy)
     return found
 
 
@@ -307,13 +307,13 @@ def test_the_run_of_the_baseline_is_a_ghost(pytester: pytest.Pytester, racing: P
 def test_worker_finds_the_run_of_the_baseline(pytester: pytest.Pytester, racing: Path) -> None:
     pytester.makeconftest("""
         from pathlib import Path
-        from pytest_rvads.satellites.pages import failure_page
+        from pytest_rvads.satellites.pages import replay
 
-        def spy(run, verdict, rule, notes, beside, pages=failure_page.failure_pages):
+        def spy(run, verdict, rule, notes, beside, pages=replay.failure_pages):
             Path("ghost").write_text(str(beside.ghost and beside.ghost.hash))
             return pages(run, verdict, rule, notes, beside)
 
-        failure_page.failure_pages = spy
+        replay.failure_pages = spy
     """)
     chosen = ("-k", "class07 and full_stop", "-n1")
     pytester.runpytest_subprocess(*chosen, "--rvads-keep=kept", "--rvads-report=main.json")

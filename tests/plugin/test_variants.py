@@ -9,8 +9,7 @@ from typing import Any
 import pytest
 
 from pytest_rvads.cli.report_commands import merge
-from pytest_rvads.report.files import load
-from pytest_rvads.report.markdown import markdown
+from pytest_rvads.report.files import load, markdown
 from pytest_rvads.report.matrix import Matrices, Matrix
 from pytest_rvads.session.interrupts import priority
 from pytest_rvads.session.plan import _variant

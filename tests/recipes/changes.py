@@ -169,10 +169,10 @@ def plain_text(report: Report, _folder: Path) -> str:
 ''',
             "pytest_rvads/report/files.py": (
                 (
-                    "from pytest_rvads.satellites.pages.page import page\n",
+                    "from pytest_rvads.report.matrix import Matrix\n",
                     "from pytest_rvads.report.plain_text import plain_text\n",
                 ),
-                ('    ".html": page,\n', '    ".plain": plain_text,\n'),
+                ('    ".xml": lambda report, _: junit(report),\n', '    ".plain": plain_text,\n'),
             ),
         },
         {"docs/sessions.md": (("`.html` and `.md` for people, ", "`.plain` for terminals, "),)},

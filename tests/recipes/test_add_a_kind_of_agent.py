@@ -20,7 +20,7 @@ import struct
 from dataclasses import replace
 
 import pytest_rvads as rvads
-from pytest_rvads.report.draw.scene import picture
+from pytest_rvads.report.scene import picture
 from pytest_rvads.drivers.stacks import frames, messages
 from pytest_rvads.runs.states import Kind
 

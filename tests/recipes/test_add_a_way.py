@@ -23,8 +23,8 @@ from pytest_rvads.geometry.ways import Entrance, Exit, Further, Key, Way
 from pytest_rvads.logic.conduct.validate import validate
 from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.logic.rules.book import rules_for
-from pytest_rvads.report.draw.animated import animated
-from pytest_rvads.report.draw.scene import picture
+from pytest_rvads.report.animated import animated
+from pytest_rvads.report.scene import picture
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Kind, VehicleState, Zone

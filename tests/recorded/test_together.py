@@ -19,7 +19,7 @@ from pytest_rvads.runs import recording as recordings
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.runfile import load_run, save_run
 from pytest_rvads.runs.states import Colour, Zone
-from pytest_rvads.satellites.pages.failure_page import timelines
+from pytest_rvads.satellites.pages.replay import timelines
 from pytest_rvads.support.errors import RunError
 
 from .strung import Told, concerning, driven, instances, recorded, strung, uncut

@@ -20,10 +20,9 @@ from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.conduct.kpis import arrival_differences, kpis
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.report.counting import Counts, counts_of
-from pytest_rvads.report.coverage import SIMULTANEOUS, Tried, arrivals_line, pairs_tried, untested
+from pytest_rvads.report.figures import SIMULTANEOUS, Tried, arrivals_line, pairs_tried, untested
 from pytest_rvads.report.outline import Figures, outline
-from pytest_rvads.report.record import Record, conclude, planned_record
-from pytest_rvads.report.run_record import of_run
+from pytest_rvads.report.record import Record, conclude, of_run, planned_record
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.report.terminal import summary
 from pytest_rvads.runs.measured import ArrivalDifferences

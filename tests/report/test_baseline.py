@@ -7,10 +7,9 @@ import pytest
 from msgspec.structs import replace
 
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
-from pytest_rvads.report.baseline import compare, with_baseline
-from pytest_rvads.report.markdown import markdown
+from pytest_rvads.report.files import markdown
 from pytest_rvads.report.record import conclude, planned_record
-from pytest_rvads.report.session_report import Comparison, Report
+from pytest_rvads.report.session_report import Comparison, Report, compare, with_baseline
 from pytest_rvads.report.terminal import summary
 from pytest_rvads.runs.measured import Kpis
 

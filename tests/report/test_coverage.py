@@ -12,7 +12,7 @@ from pytest_rvads.cli.report_commands import merge
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.counting import counts_of
-from pytest_rvads.report.coverage import Coverage, cell_coverage, dropped, shortfall
+from pytest_rvads.report.figures import Coverage, cell_coverage, dropped, shortfall
 from pytest_rvads.report.record import AgentRecord, Record, conclude, planned_record
 from pytest_rvads.report.rollup import junction_lines
 from pytest_rvads.report.session_report import Extent, Report

@@ -3,8 +3,8 @@
 from typing import Any
 
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
+from pytest_rvads.report.failures import facts
 from pytest_rvads.report.record import Record, conclude, planned_record
-from pytest_rvads.satellites.pages.failure_page import facts
 
 KEYS: dict[str, Any] = {
     "junction": "stop4",

@@ -17,9 +17,10 @@ import pytest_rvads as rvads
 from pytest_rvads.logic.conduct.kpis import kpis
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
 from pytest_rvads.logic.outcome import Outcome
-from pytest_rvads.report.coverage import SIMULTANEOUS
+from pytest_rvads.report.figures import SIMULTANEOUS
 from pytest_rvads.report.files import FORMATS, load, save
-from pytest_rvads.report.outline import Block, Causes, Changes, Figures, Head, RollUp, Verdicts, outline
+from pytest_rvads.report.matrix import Matrix
+from pytest_rvads.report.outline import Block, Causes, Changes, Figures, Head, RollUp, outline
 from pytest_rvads.report.record import (
     AgentRecord,
     Computing,
@@ -126,7 +127,7 @@ def facts(block: Block) -> Iterator[str]:
     match block:
         case Changes(comparison):
             yield from (comparison.headline, *comparison.lines())
-        case Verdicts(matrix):
+        case Matrix() as matrix:
             yield from (matrix.title, matrix.corner)
             yield from (word for column in matrix.columns for word in column)
             yield from (text for label, entries in matrix.rows for text in (label, *(entry.text for entry in entries)))

@@ -20,8 +20,7 @@ from pytest_rvads.logic.rules.book import rulebook
 from pytest_rvads.report import triage
 from pytest_rvads.report.counting import counts_of
 from pytest_rvads.report.figures import figures
-from pytest_rvads.report.files import load, save, table
-from pytest_rvads.report.markdown import markdown
+from pytest_rvads.report.files import load, markdown, save, table
 from pytest_rvads.report.matrix import Matrices, Matrix
 from pytest_rvads.report.record import Record, conclude, planned_record, properties
 from pytest_rvads.report.rollup import junction_lines

@@ -18,10 +18,10 @@ from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report import matrix, triage
 from pytest_rvads.report.counting import counts_of
-from pytest_rvads.report.coverage import cell_coverage
-from pytest_rvads.report.files import FORMATS, load
-from pytest_rvads.report.markdown import markdown
-from pytest_rvads.report.outline import Causes, Figures, Head, RollUp, Verdicts, outline
+from pytest_rvads.report.figures import cell_coverage
+from pytest_rvads.report.files import FORMATS, load, markdown
+from pytest_rvads.report.matrix import Matrix
+from pytest_rvads.report.outline import Causes, Figures, Head, RollUp, outline
 from pytest_rvads.report.record import Computing, Record, RecordedItem, conclude, planned_record
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.report.terminal import summary
@@ -79,9 +79,9 @@ def test_of_more_than_four_junctions_sums_are_told_in_place_of_tables(junctions:
     report = Report(tuple(town(junctions)))
     for short in (True, False):
         kinds = [type(block) for block in outline(report, short)]
-        assert (RollUp in kinds, Verdicts in kinds) == (many, not many)
+        assert (RollUp in kinds, Matrix in kinds) == (many, not many)
     both = [type(block) for block in outline(report, tables=True)]
-    assert (RollUp in both, both.count(Verdicts)) == (many, junctions), "who asks for the tables gets them"
+    assert (RollUp in both, both.count(Matrix)) == (many, junctions), "who asks for the tables gets them"
     assert "J3\n" in told(report, full=True)
 
 
@@ -183,7 +183,7 @@ def test_failed_run_of_several_rules_counts_once() -> None:
 def test_too_many_verdicts_become_sums(monkeypatch: pytest.MonkeyPatch) -> None:
     records = tuple(town(1, 6))
     monkeypatch.setattr(matrix, "_MOST", 12)
-    assert Verdicts in map(type, outline(Report(records)))
+    assert Matrix in map(type, outline(Report(records)))
     monkeypatch.setattr(matrix, "_MOST", 11)
     assert [type(block) for block in outline(Report(records), tables=True)] == [Head, RollUp, Figures]
 
@@ -283,7 +283,7 @@ def test_a_table_that_is_wider_than_some_screens_is_cut_but_for_its_failures() -
 
 def test_records_without_a_test_have_a_junction_for_a_title() -> None:
     among = replace(record("J1", 1, "p1", "PASS"), traffic="hesitant")
-    titles = [block.title for block in outline(Report((record("J1", 1, "p1", "PASS"), among))) if isinstance(block, Verdicts)]
+    titles = [block.title for block in outline(Report((record("J1", 1, "p1", "PASS"), among))) if isinstance(block, Matrix)]
     assert titles == ["J1", "J1 among hesitant traffic"]
 
 

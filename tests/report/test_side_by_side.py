@@ -14,8 +14,7 @@ from msgspec import structs
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.report.record import Record, conclude, planned_record
 from pytest_rvads.report.session_report import Report, cell_of
-from pytest_rvads.report.side_by_side import SideBySide, side_by_side
-from pytest_rvads.report.side_by_side_forms import save, sections, text
+from pytest_rvads.report.side_by_side import SideBySide, save, sections, side_by_side, text
 from pytest_rvads.runs.measured import Kpis
 from pytest_rvads.support.errors import RvadsError
 

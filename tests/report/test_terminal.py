@@ -12,10 +12,9 @@ from rich.cells import cell_len
 
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.outcome import Outcome
-from pytest_rvads.report.columns import Cell, Column, blocks, wrapped
 from pytest_rvads.report.record import Record, conclude, planned_record
 from pytest_rvads.report.session_report import Change, Comparison, Report
-from pytest_rvads.report.terminal import Summary, summarise, summary
+from pytest_rvads.report.terminal import Cell, Column, Summary, blocks, summarise, summary, wrapped
 
 WIDTHS = 40, 60, 80, 100, 120
 WORDS = st.text("abc_XÄ1-.車", min_size=1, max_size=30).filter(lambda word: cell_len(word) <= 30)

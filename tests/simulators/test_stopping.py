@@ -9,7 +9,7 @@ import pytest
 from pytest_rvads import cli
 from pytest_rvads.cli import dynamics_command as driving
 from pytest_rvads.cli.common import progress
-from pytest_rvads.report.draw.curves import draw_braking
+from pytest_rvads.report.svg import draw_braking
 from pytest_rvads.simulators.closed_loop import closed_envelope
 from pytest_rvads.support.errors import ScenarioError
 

@@ -15,7 +15,7 @@ from pytest_rvads.logic.check import sentence, unjudged, verdict_by
 from pytest_rvads.logic.conduct.kpis import arrival_differences, kpis
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.logic.rules.rule import Rule
-from pytest_rvads.report.run_record import of_run
+from pytest_rvads.report.record import of_run
 from pytest_rvads.satellites.campaigns.resultsfile import Judged
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.ids import run_id

@@ -19,12 +19,10 @@ from pytest_rvads.drivers.interface import Factory
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.report.counting import Counts, counts_of
-from pytest_rvads.report.coverage import largest_gap
-from pytest_rvads.report.figures import total
+from pytest_rvads.report.figures import largest_gap, total
 from pytest_rvads.report.outline import Block, Notes, Section
 from pytest_rvads.report.session_report import Report, exit_status
-from pytest_rvads.report.side_by_side import side_by_side
-from pytest_rvads.report.side_by_side_forms import json_of, sections
+from pytest_rvads.report.side_by_side import json_of, sections, side_by_side
 from pytest_rvads.report.triage import causes
 from pytest_rvads.satellites.campaigns.campaign import continued, digest, reopened
 from pytest_rvads.satellites.campaigns.league import Config, League, about

@@ -16,7 +16,7 @@ from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.triage import ByText, causes, provoked, unavoidable
 from pytest_rvads.runs.measured import Divergence
-from pytest_rvads.satellites.pages.failure_page import failure_pages
+from pytest_rvads.satellites.pages.replay import failure_pages
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators.simulator import Simulator, simulate
 from pytest_rvads.support.errors import RvadsError

@@ -20,8 +20,7 @@ from typing import Annotated, cast
 import msgspec
 
 from pytest_rvads.logic.outcome import Outcome
-from pytest_rvads.report.record import Count, Record, SimulatedItem
-from pytest_rvads.report.run_record import by_rule
+from pytest_rvads.report.record import Count, Record, SimulatedItem, by_rule
 from pytest_rvads.report.session_report import Report, exit_status
 from pytest_rvads.runs.measured import Divergence
 from pytest_rvads.support.decoding import decode, encode

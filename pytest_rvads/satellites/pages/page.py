@@ -2,25 +2,40 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
+from base64 import b64encode
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from functools import partial
+from hashlib import sha256
 from heapq import nsmallest
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from pytest_rvads.logic.outcome import Outcome
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from pytest_rvads.logic.outcome import MARKS, Outcome
 from pytest_rvads.report.folders import STARTS, option, sessions
-from pytest_rvads.report.matrix import SAME, member_of, place_of
-from pytest_rvads.report.outline import FAILURES, LONG, Block, Causes, RollUp, Verdicts, outline
+from pytest_rvads.report.matrix import SAME, Matrix, member_of, place_of
+from pytest_rvads.report.outline import FAILURES, LONG, Block, Causes, RollUp, outline
 from pytest_rvads.report.record import Record, SimulatedItem
 from pytest_rvads.report.session_report import LISTED, Report
-from pytest_rvads.satellites.pages.webpage import webpage
 from pytest_rvads.support.wording import printable, quoted
 
+_PLACE = "pytest_rvads.satellites.pages"
+_TEMPLATES = Environment(
+    loader=PackageLoader(_PLACE, ""),
+    autoescape=True,
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+    finalize=lambda value: printable(value, len(value)) if type(value) is str else value,
+)
 _ITEMS = 5000
 """Largest number of test items on a page: failures are taken first, then further items evenly from all junctions and rules."""
 _WEB = re.compile(r"https://[^\\\s]+")
@@ -38,6 +53,7 @@ def page(report: Report, folder: Path, title: str = "rvads verdicts", pictures: 
     rolled = ""
     sums: list[dict[str, Any]] = []
     groups: list[dict[str, Any]] = []
+    matrices: list[dict[str, Any]] = []
     for block in blocks:
         if isinstance(block, RollUp):
             rolled += block.title
@@ -53,14 +69,25 @@ def page(report: Report, folder: Path, title: str = "rvads verdicts", pictures: 
                 for c in block.causes
             ]
             groups.append({"title": block.title, "failed": block.title == FAILURES, "causes": causes})
-    session = _session_option(folder)
+        elif isinstance(block, Matrix):
+            labelled = [
+                (label, [(entry.text, entry.bad) for entry in entries], members)
+                for (label, entries), members in zip(block.rows, block.members, strict=True)
+            ]
+            names = {"title": block.title, "junction": block.junction, "corner": block.corner, "columns": block.columns}
+            matrices.append({**names, "numbers": block.numbers, "rows": labelled})
+    session, place = "", Path(os.path.realpath(folder))  # a link such as `latest` can lead to another session later
+    if place in sessions(place.parent):
+        with suppress(ValueError):  # no relative path leads to another drive
+            place = Path(os.path.relpath(place))
+        session = option(place)
     content = {
         "items": [_item_data(record, folder, report, session) for record in records],
         "all": len(report.records),
         "sums": sums,
         "rolled": rolled,
         "causes": groups,
-        "matrices": [_matrix_data(block) for block in blocks if isinstance(block, Verdicts)],
+        "matrices": matrices,
         "statuses": {outcome: outcome.mark for outcome in Outcome.worst_first() if outcome in statuses},
     }
     starts = next((path for path in (folder / STARTS, folder.parent / STARTS) if path.is_file()), None)
@@ -78,14 +105,10 @@ def rendered(
     starts: str = "",
 ) -> str:
     """Return an HTML page for a folder: head, sections, pictures and figures of an outline; scripts show `data`."""
-    more: dict[str, Any] = {
-        "same": SAME,
-        "long": LONG,
-        "link": partial(_page_link, folder=folder),
-        "with_items": with_items,
-        "starts": starts,
-    }
-    return webpage("page.html", title, data, ("page.css", *sources), blocks=blocks, **more)
+    kinds = [(type(block).__name__, block) for block in blocks]
+    link = partial(_page_link, folder=folder)
+    flags: dict[str, Any] = {"same": SAME, "long": LONG, "with_items": with_items, "starts": starts}
+    return webpage("page.html", title, data, ("page.css", *sources), blocks=kinds, link=link, **flags)
 
 
 def _page_records(report: Report) -> list[Record]:
@@ -103,22 +126,6 @@ def _page_records(report: Report) -> list[Record]:
 
     numbered_records = nsmallest(_ITEMS, ranked(), key=lambda row: row[:3])
     return [record for *_, record in sorted(numbered_records, key=lambda row: row[2])]
-
-
-def _matrix_data(block: Verdicts) -> dict[str, Any]:
-    matrix = block.matrix
-    rows = [
-        (label, [(entry.text, entry.bad) for entry in entries], members)
-        for (label, entries), members in zip(matrix.rows, matrix.members, strict=True)
-    ]
-    return {
-        "title": block.title,
-        "junction": matrix.junction,
-        "corner": matrix.corner,
-        "columns": matrix.columns,
-        "numbers": matrix.numbers,
-        "rows": rows,
-    }
 
 
 def _item_data(record: Record, folder: Path, report: Report, session: str) -> dict[str, Any]:
@@ -153,16 +160,6 @@ def _item_data(record: Record, folder: Path, report: Report, session: str) -> di
     }
 
 
-def _session_option(folder: Path) -> str:
-    """Return the option that names the session of a folder; an empty text if the folder is not the folder of a session."""
-    place = Path(os.path.realpath(folder))  # a link such as `latest` can lead to another session later
-    if place not in sessions(place.parent):
-        return ""
-    with suppress(ValueError):  # no relative path leads to another drive
-        place = Path(os.path.relpath(place))
-    return option(place)
-
-
 def _page_link(look: str, folder: Path) -> str:
     """Return a link from a folder to a page; an empty text if the link would be neither a relative path nor https."""
     if look.startswith(_UNDRAWN):
@@ -174,3 +171,30 @@ def _page_link(look: str, folder: Path) -> str:
         return ""
     path = os.path.relpath(look, folder).replace(os.sep, "/")
     return "" if _NO_PATH.match(path) else path
+
+
+def webpage(template: str, title: str, data: object, sources: Sequence[str], *, style: str = "", **content: Any) -> str:
+    """Return an HTML page made of a template that extends ``frame.html``; style sheets and scripts are files of this package."""
+    light, dark = ("".join(f"--{mark}:{look[number]};" for mark, look in MARKS.items()) for number in (1, 2))
+    colours = f":root{{{light}}}@media screen{{:root[data-theme=dark]{{{dark}}}}}"
+    texts = {name: files(_PLACE).joinpath(name).read_text(encoding="utf-8") for name in ("webpage.js", *sources)}
+    style = colours + "".join(texts[name] for name in sources if name.endswith(".css")) + style
+    script = "".join(text for name, text in texts.items() if name.endswith(".js"))
+    digests = [b64encode(sha256(text.encode()).digest()).decode() for text in (script, style)]
+    policy = (
+        f"default-src 'none'; script-src 'sha256-{digests[0]}'; style-src 'sha256-{digests[1]}'; img-src data:; "
+        "base-uri 'none'; form-action 'none'; require-trusted-types-for 'script'; trusted-types 'none'"
+    )
+    # "<" could end the script element from inside a string.
+    text = json.dumps(_printable_data(data), separators=(",", ":")).replace("<", "\\u003c")
+    frame = {"policy": policy, "style": Markup(style), "script": Markup(script), "data": Markup(text)}
+    return _TEMPLATES.get_template(template).render(title=title, **frame, **content)
+
+
+def _printable_data(value: Any) -> Any:
+    """Return a JSON value with the control characters in its texts escaped."""
+    if isinstance(value, str):
+        return printable(value, len(value))
+    if isinstance(value, dict):
+        return {key: _printable_data(inner) for key, inner in value.items()}
+    return list(map(_printable_data, value)) if isinstance(value, list | tuple) else value

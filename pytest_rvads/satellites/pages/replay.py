@@ -1,13 +1,14 @@
-"""Makes the replay page of a run: a self-contained HTML page to play, scrub and zoom, follow a vehicle, and jump to events.
+"""Makes replay pages: a self-contained HTML page to play, scrub and zoom a run, follow a vehicle, and jump to events.
 
-The page can show an earlier run of the same scenario, drawn faintly below the run, and the first difference of the two runs.
+The page of a failure also shows timelines (the states of the monitors of the rule along the run). A page can show an earlier run
+of the same scenario, drawn faintly below the run, and the first difference of the two runs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby, pairwise
 from typing import Any
 
@@ -17,13 +18,22 @@ from numpy.typing import NDArray
 from pytest_rvads.geometry.crosswalks import Crossing, Parking, Side
 from pytest_rvads.logic.conduct.blocks import tick_of
 from pytest_rvads.logic.conduct.bodies import contacts
+from pytest_rvads.logic.conduct.static_model import extract, without_jumps
+from pytest_rvads.logic.judging.instances import prepare
+from pytest_rvads.logic.judging.judge import Values, walk
+from pytest_rvads.logic.judging.verdicts import Verdict
+from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.logic.outcome import MARKS, Outcome
-from pytest_rvads.report.draw.scene import STYLE, Scene, body, inks, label, placed, size
-from pytest_rvads.report.draw.svg import Points
-from pytest_rvads.runs.run import Collision, Run, diverge
+from pytest_rvads.logic.rules.book import get_rule
+from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.logic.telling.phrase import bound_names
+from pytest_rvads.report.failures import TROUBLE, Beside, Page, moment, opening, troubles
+from pytest_rvads.report.scene import STYLE, Scene, body, inks, label, placed, size
+from pytest_rvads.report.svg import Points
+from pytest_rvads.runs.run import ARRAYS, Collision, Run, diverge
 from pytest_rvads.runs.states import Colour, Zone
-from pytest_rvads.satellites.pages.webpage import webpage
-from pytest_rvads.support.errors import RunError
+from pytest_rvads.satellites.pages.page import webpage
+from pytest_rvads.support.errors import FormulaError, RunError
 from pytest_rvads.support.wording import markup
 
 _SEEN = 0.1
@@ -34,25 +44,10 @@ _TRAIL = 3.0
 """Length of the trails of recorded traffic [s]; longer trails of many vehicles hide the events."""
 _LEAD = 1.5
 """The first view shows the way of responsible vehicles during this time before the instant of the view [s]."""
-_BEFORE = 1.0
-"""A page without a violation opens this long before the first vehicle enters the junction [s]."""
+_BEFORE, _AFTER = 30.0, 10.0
+"""A page shows this much recorded traffic before and after an instant [s]; minutes of dense traffic would fill megabytes."""
 _NEAR, _AROUND = 10.0, 3.0
 """Distance from the junction within which vehicles are in the first view, and margin of the first view [m]."""
-
-
-@dataclass(frozen=True, slots=True)
-class Beside:
-    """Texts and pictures that a replay page shows beside the run."""
-
-    facts: tuple[tuple[str, str], ...] = ()
-    """Word and text of each line of the head: scenario, driver, rule, command for a repetition."""
-    others: tuple[tuple[str, str, str], ...] = ()
-    """Rule, status and message of the other verdicts of the run."""
-    back: str = ""
-    """Relative path of the page that links to this page; empty without such a page."""
-    ghost: Run | None = None
-    """An earlier run of the same scenario, drawn faintly below the run."""
-    ghost_name: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,22 +140,15 @@ def replay(
         # The lines of a table scroll together, so that columns stay columns.
         parts.append(f'<span class="table" tabindex="0">{text}</span>' if table else text)
     return webpage(
-        "draw/replay.html",
+        "replay.html",
         title,
         data,
-        ("draw/replay.css", "draw/replay.js"),
+        ("replay.css", "replay.js"),
         style=STYLE,
         scene=f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{left:.2f} {top:.2f} {wide:.2f} {high:.2f}">'
         f"{scene.road()}{scene.lights(run.lights[0])}{_outlines(beside.ghost)}{trails}{bodies}</svg>",
         notes="\n".join(parts),
     )
-
-
-def opening(run: Run) -> float:
-    """Return the time 1 s before the first vehicle enters the junction; the start of the run if no vehicle enters [s]."""
-    driven = [agent.way.key in run.junction.movements for agent in run.agents]
-    entered = (run.zone[:, driven] == Zone.JUNCTION).any(axis=1)
-    return round(run.start + max(int(entered.argmax()) * run.dt - _BEFORE, 0.0), 9)
 
 
 def _home(run: Run, scene: Scene, about: float, responsible: Collection[str]) -> list[float]:
@@ -309,3 +297,91 @@ def _ghost_data(run: Run, ghost: Run, name: str) -> dict[str, Any]:
         "every": _EVERY,
         "motion": motion,
     }
+
+
+def failure_pages(run: Run, verdict: Verdict, rule: str | Rule, notes: str, beside: Beside | None = None) -> Iterator[Page]:
+    """Yield replay pages of the instances (rule for certain vehicles) that are violated, open or unsure, with their monitors.
+
+    The first page opens at the time that `moment` returns. A simulated run gives one page. Recorded traffic gives a page for each
+    instance that no earlier page shows.
+    """
+    beside, tracks = beside or Beside(), list[Track]()
+    traffic, driver = run.provenance.get("traffic"), str(run.provenance.get("autopilot") or "")
+    texts = {
+        "scenario": run.label,
+        "driven by": f"{driver}, {run.subject} alone; the others by {traffic}" if traffic and run.subject else driver,
+        "simulated by": str(run.provenance.get("simulator") or ""),
+        "rule": str(rule),
+        "formula": "",
+        "rerun": "",
+    }
+    with suppress(FormulaError):  # no rule has this name
+        known_rule = get_rule(rule)
+        texts |= {"rule": f"{known_rule.name}: {known_rule.title}".removesuffix(": "), "formula": known_rule.text}
+        tracks = [track for track in timelines(run, known_rule) if track.moved]
+    texts |= dict(beside.facts)
+    beside = replace(beside, facts=tuple((word, text) for word, text in texts.items() if text))
+    if run.excerpt is None:
+        time, message = moment(run, verdict), verdict.message
+        marked = [(time, message)] if verdict.status in TROUBLE else []
+        yield Page(time, replay(run, message, notes, marked, tracks, verdict.responsible, beside=beside))
+        return
+    beside = replace(beside, ghost=None, ghost_name="")
+    tracks.sort(key=lambda track: track.changes[-1][1] != "violated")
+    found = troubles(verdict)
+    shown: list[tuple[int, int]] = []
+    for time in dict.fromkeys([moment(run, verdict), *(time for time, *_ in found)]):
+        tick = round((time - run.start) / run.dt)
+        if any(begin <= tick < end for begin, end in shown):
+            continue
+        begin, end = max(tick - round(_BEFORE / run.dt), 0), min(tick + round(_AFTER / run.dt) + 1, run.steps)
+        title = verdict.message if not shown else next(event for t, event, _ in found if t == time)
+        shown.append((begin, end))
+        part = _part(run, begin, end)
+        marked = [(t, event) for t, event, _ in found if part.start <= t <= part.start + part.duration]
+        lines = []
+        for track in tracks:
+            before = [word for tick, word in track.changes if tick <= begin]
+            inside = [(tick - begin, word) for tick, word in track.changes if begin < tick < end]
+            if inside:
+                lines.append(replace(track, changes=((0, before[-1]), *inside)))
+        responsible = {name for t, _, names in found if t == time for name in names}
+        yield Page(time, replay(part, title, notes, marked or [(time, title)], lines, responsible, time, beside))
+
+
+def timelines(run: Run, rule: str | Rule) -> tuple[Track, ...]:
+    """Return the states of a rule's monitor per choice of vehicles and entrances; none if the run lacks a needed quantity."""
+    vehicles = {agent.name for agent in run.agents}
+    rule, run = get_rule(rule), without_jumps(run)
+    templates = prepare(rule.formula, extract(run), rule.bound).templates
+    try:
+        walked = walk(templates, Values(run, rule.tie))
+    except RunError:
+        return ()
+    tracks, final = [], {Truth.FALSE: "violated", Truth.TRUE: "satisfied"}
+    for template, states in zip(templates, walked, strict=True):
+        outputs = enumerate(map(Truth, template.machine.output.tolist()))
+        words = [final.get(output, "due" if state else "watching") for state, output in outputs]
+        binding = bound_names(template)
+        label = f"{rule.name} {', '.join(name for _, name in binding if name in vehicles)}"
+        tracks.append(Track(label, tuple(changes(np.array(words)[states])), binding))
+    return tuple(tracks)
+
+
+def _part(run: Run, begin: int, end: int) -> Run:
+    """Return the states between two ticks as a run of the vehicles that are present in these states."""
+    span, shift = slice(begin, end), begin * run.dt
+    present = np.flatnonzero(run.here[span].any(axis=0)).tolist()
+    agents = tuple(run.agents[column] for column in present)
+    names = {agent.name for agent in agents}
+    columns = [name for name in (*ARRAYS, "spread") if name != "lights" and getattr(run, name) is not None]
+    within = [c for c in run.collisions or () if begin <= round(c.time / run.dt) < end and names.issuperset(c.agents)]
+    return replace(
+        run,
+        lights=run.lights[span],
+        **{name: getattr(run, name)[span][:, present] for name in columns},
+        agents=agents,
+        collisions=None if run.collisions is None else tuple(replace(c, time=c.time - shift) for c in within),
+        fault=None if run.fault is None else replace(run.fault, time=run.fault.time - shift),
+        excerpt=None if run.excerpt is None else replace(run.excerpt, start=run.start + shift),
+    )

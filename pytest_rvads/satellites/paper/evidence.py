@@ -25,7 +25,7 @@ from pytest_rvads.drivers.interface import Drives, Observation
 from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status
-from pytest_rvads.report.draw.scene import picture
+from pytest_rvads.report.scene import picture
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Zone
 from pytest_rvads.satellites.lgsvl import Constants, LgsvlLike

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 
-from pytest_rvads.report.draw.svg import document, polyline, text
+from pytest_rvads.report.svg import document, polyline, text
 from pytest_rvads.satellites.paper.experiment import (
     LIGHT,
     ROWS,

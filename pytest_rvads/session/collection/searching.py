@@ -21,7 +21,7 @@ from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.conduct.kpis import arrival_differences, kpis
 from pytest_rvads.logic.rules.book import claim, rules_for
 from pytest_rvads.logic.rules.rule import Rule
-from pytest_rvads.report.run_record import of_run
+from pytest_rvads.report.record import of_run
 from pytest_rvads.satellites.starts.critical import critical_starts, failing, failure
 from pytest_rvads.satellites.starts.starts import Begin, lines_at
 from pytest_rvads.satellites.starts.trials import Setting

@@ -21,8 +21,7 @@ from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.outline import Notes
 from pytest_rvads.report.record import conclude, planned_record
 from pytest_rvads.report.session_report import Report
-from pytest_rvads.report.side_by_side import side_by_side
-from pytest_rvads.report.side_by_side_forms import sections
+from pytest_rvads.report.side_by_side import sections, side_by_side
 from pytest_rvads.runs.run import Run
 from pytest_rvads.satellites.campaigns import answering, league_output
 from pytest_rvads.satellites.campaigns.campaign import campaign

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pytest_rvads.geometry.crosswalks import Crossing, Crosswalk, Parking, Side
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.turns import UTURN, turn_word
-from pytest_rvads.report.draw.svg import arrow, marks, sign
+from pytest_rvads.report.svg import arrow, marks, sign
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Colour, Kind, Vehicle
 from pytest_rvads.support.errors import MapError, RunError

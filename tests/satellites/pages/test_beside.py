@@ -14,11 +14,10 @@ from pytest_rvads.logic.check import check, other_verdicts
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.rules.book import get_rule
 from pytest_rvads.logic.rules.rule import Rule
-from pytest_rvads.report.run_record import summed
+from pytest_rvads.report.failures import Beside, summed
 from pytest_rvads.runs.run import Collision, Excerpt, Facts, Run
 from pytest_rvads.runs.states import Zone
-from pytest_rvads.satellites.pages.failure_page import failure_pages
-from pytest_rvads.satellites.pages.replay import Beside, replay
+from pytest_rvads.satellites.pages.replay import failure_pages, replay
 from pytest_rvads.scenarios.scenario import Scenario
 
 from ...run_builders import gliding

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from pytest_rvads.geometry.finder import find
-from pytest_rvads.report.draw.animated import animated
+from pytest_rvads.report.animated import animated
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.support.errors import RunError
 
-from ...run_builders import gliding
+from ..run_builders import gliding
 
 SVG = "{http://www.w3.org/2000/svg}"
 SECONDS = 20.0

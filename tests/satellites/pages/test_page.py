@@ -13,14 +13,16 @@ from markdown_it import MarkdownIt
 from msgspec.structs import replace
 
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
+from pytest_rvads.report.files import markdown, save
 from pytest_rvads.report.folders import claimed
-from pytest_rvads.report.markdown import markdown
 from pytest_rvads.report.outline import Changes, outline
 from pytest_rvads.report.record import Record, conclude, planned_record
 from pytest_rvads.report.session_report import Change, Comparison, Report
 from pytest_rvads.report.terminal import summary
 from pytest_rvads.satellites.pages.page import page
 from pytest_rvads.session.outputs import annotate
+from pytest_rvads.support import installed
+from pytest_rvads.support.errors import RvadsError
 
 LONG = "d10.00,12.50v05.00,08.33"
 
@@ -83,7 +85,7 @@ def test_texts_can_be_read_in_both_themes(theme: str) -> None:
 
 
 def test_no_colour_of_the_page_is_outside_its_themes() -> None:
-    style = files("pytest_rvads.report").joinpath("page.css").read_text(encoding="utf-8")
+    style = files("pytest_rvads.satellites.pages").joinpath("page.css").read_text(encoding="utf-8")
     outside = re.sub(r"--\w+:#\w+", "", style)
     assert re.findall(r"#[0-9a-f]{3,6}\b(?=[;}])", outside) == []
 
@@ -235,3 +237,10 @@ def test_page_links_to_critical_starts_in_the_folder_of_artefacts(tmp_path: Path
     assert "critical starts" not in page(ONE, folder)
     (tmp_path / ".rvads" / "critical.html").touch()
     assert '<a href="../critical.html">critical starts</a>' in page(ONE, folder)
+
+
+def test_without_the_pages_a_sentence_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(installed, "entries", lambda group: {})
+    save(tmp_path / "out.json", ONE)
+    with pytest.raises(RvadsError, match=r"entry point report of rvads\.pages: install all of pytest-rvads again"):
+        save(tmp_path / "out.html", ONE)

@@ -19,8 +19,8 @@ from pytest_rvads.geometry.precedence import Reason
 from pytest_rvads.geometry.road_map import RoadMap
 from pytest_rvads.geometry.turns import UTURN, turn_word
 from pytest_rvads.geometry.ways import Key
-from pytest_rvads.report.draw.scene import TURNS
-from pytest_rvads.report.draw.svg import Points, arrow, document, marks, polyline, sign, text, wrap
+from pytest_rvads.report.scene import TURNS
+from pytest_rvads.report.svg import Points, arrow, document, marks, polyline, sign, text, wrap
 
 _PANEL, _COLUMNS, _HEAD, _LEGEND = 360.0, 3, 78.0, 900.0
 _LINE, _LETTERS, _LINES = 12.0, 66, 12

@@ -14,7 +14,7 @@ import pytest
 
 from pytest_rvads.cli.map_commands import draw_classes
 from pytest_rvads.geometry.finder import find
-from pytest_rvads.report.draw.scene import Scene, picture
+from pytest_rvads.report.scene import Scene, picture
 from pytest_rvads.runs.run import Collision, Run
 from pytest_rvads.runs.states import Kind, Zone
 from pytest_rvads.satellites.pages.replay import events, replay
@@ -23,7 +23,7 @@ from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.support.errors import RunError
 from pytest_rvads.support.wording import printable
 
-from ...run_builders import gliding
+from ..run_builders import gliding
 
 SVG = "{http://www.w3.org/2000/svg}"
 

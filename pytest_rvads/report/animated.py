@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.report.draw.scene import Scene, body, inks, size
-from pytest_rvads.report.draw.svg import wrap
+from pytest_rvads.report.scene import Scene, body, inks, size
+from pytest_rvads.report.svg import wrap
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.support.errors import RunError

@@ -14,9 +14,9 @@ from pytest_rvads.cli import main
 from pytest_rvads.drivers.interface import Command, Observation
 from pytest_rvads.geometry.opendrive.map_file import path_of
 from pytest_rvads.geometry.road_map import read_map
-from pytest_rvads.report.draw.animated import animated
-from pytest_rvads.report.draw.map_picture import draw_map
-from pytest_rvads.report.draw.scene import draw_ways, picture
+from pytest_rvads.report.animated import animated
+from pytest_rvads.report.map_picture import draw_map
+from pytest_rvads.report.scene import draw_ways, picture
 from pytest_rvads.runs.run import Run
 from pytest_rvads.satellites.notebook import html
 from pytest_rvads.satellites.pages.replay import events, replay

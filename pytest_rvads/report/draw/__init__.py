@@ -1,1 +1,0 @@
-"""Pictures of runs, junctions and curves as SVG, and replay pages of runs."""
