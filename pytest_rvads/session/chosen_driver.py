@@ -9,9 +9,14 @@ from __future__ import annotations
 import difflib
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
+
+from pytest_rvads.session.interrupts import LIMITS
+
+if TYPE_CHECKING:
+    from pytest_rvads.simulators.simulator import Choice, Simulator
 
 _SUITE = Path(__file__).parent / "suite"
 """Folder of the tests that come with the plugin."""
@@ -20,6 +25,15 @@ _NAME = "rvads_autopilot"
 _ALIKE = 0.8
 """Least similarity of a misspelt name to the name of the fixture, see `difflib`."""
 _ELSEWHERE: pytest.StashKey[str] = pytest.StashKey()
+NAMED: pytest.StashKey[Simulator | None] = pytest.StashKey()
+"""The simulator that an option names; None if no option names one."""
+
+
+def choice_of(config: pytest.Config, simulator: Simulator | None = None) -> Choice:
+    """Return a simulator, by default the session's, with the session's limits of real time if it has no limits of its own."""
+    from pytest_rvads.simulators.simulator import Choice
+
+    return Choice.of(config.stash[NAMED] if simulator is None else simulator, config.stash[LIMITS])
 
 
 def code_of(factory: Any, config: pytest.Config) -> str:

@@ -120,6 +120,10 @@ def _restore(number: int, handler: Any) -> None:
     signal.signal(number, handler)
 
 
+LIMITS: pytest.StashKey[Limits] = pytest.StashKey()
+"""The limits of real time of the session's runs."""
+
+
 @contextmanager
 def limits(config: pytest.Config) -> Iterator[Limits]:
     """Yield the limits of real time for runs and decisions that the session's options set.

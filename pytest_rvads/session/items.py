@@ -19,7 +19,7 @@ from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.session.artefacts import beside, look, show
 from pytest_rvads.session.chosen_driver import where_else
 from pytest_rvads.session.collection.cells import RecordedCell
-from pytest_rvads.session.interrupts import OutOfTime
+from pytest_rvads.session.interrupts import LIMITS, OutOfTime
 from pytest_rvads.session.options import OPTIONS
 from pytest_rvads.session.plan import start
 from pytest_rvads.support.errors import RvadsError
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from pytest_rvads.runs.measured import Divergence
     from pytest_rvads.runs.run import Run
     from pytest_rvads.session.collection.cells import Cell
-    from pytest_rvads.simulators.simulator import Simulator
+    from pytest_rvads.simulators.simulator import Choice
 
 RECORD: pytest.StashKey[Record] = pytest.StashKey()
 VERDICTS: pytest.StashKey[list[Verdict]] = pytest.StashKey()
@@ -60,7 +60,7 @@ for _exception in (NoVerdict, NotJudged, Unsure):
     _exception.__module__ = "builtins"  # as for pytest's own exceptions, so that tracebacks show no module
 
 RUN: pytest.StashKey[Run] = pytest.StashKey()
-SIMULATOR: pytest.StashKey[Simulator] = pytest.StashKey()
+SIMULATOR: pytest.StashKey[Choice] = pytest.StashKey()
 ERROR: pytest.StashKey[BaseException | None] = pytest.StashKey()
 """The exception of the driver that ended the run of an item; None if the run ended otherwise."""
 PRINTED: pytest.StashKey[list[tuple[str, str]]] = pytest.StashKey()
@@ -73,11 +73,11 @@ REPEAT: pytest.StashKey[Callable[[], Divergence | None]] = pytest.StashKey()
 """A function that simulates the run of an item once more and returns the first difference of the two runs, or None."""
 
 
-def checked_name(driver: Any) -> str:
+def checked_name(driver: Any, config: pytest.Config) -> str:
     """Return the name of a driver, read within the time limit of a decision, because reading can run code of the driver."""
-    from pytest_rvads.simulators.patience import TooLate, Watch, choice
+    from pytest_rvads.simulators.patience import TooLate, Watch
 
-    with suppress(TooLate), Watch(choice().limits) as watch:
+    with suppress(TooLate), Watch(config.stash[LIMITS]) as watch:
         watch.asked = driver
         name = called(driver)
     if watch.late:

@@ -35,7 +35,7 @@ from pytest_rvads.physics.engines import BULLET, MUJOCO, Engine
 from pytest_rvads.runs.run import DT, LATE, RAISED, Collision, Facts, Fault, Halt, Run
 from pytest_rvads.runs.states import GONE, STEADY, Agent, Colour, Vehicle, VehicleState, Zone, usual_body
 from pytest_rvads.scenarios.case import Case
-from pytest_rvads.simulators.patience import TooLate, watch
+from pytest_rvads.simulators.patience import TooLate, Watch
 from pytest_rvads.simulators.seat import Seat, crew
 from pytest_rvads.simulators.walkers import Walker
 from pytest_rvads.support.errors import ScenarioError
@@ -56,6 +56,7 @@ class Loop:
         elsewhere: columns of vehicles that the world drives itself; no driver is asked for their controls.
         controlled: whether the world has its own vehicle dynamics. A step of such a world takes throttle, brake and steering of
             every vehicle instead of forces; the controls of a vehicle that has left are 0.
+        watch: enforces the limits of real time; with None there are no limits.
 
     Raises:
         MapError: the positions of the lanes of the junction are unknown.
@@ -71,11 +72,12 @@ class Loop:
         elsewhere: Collection[int] = (),
         *,
         controlled: bool = False,
+        watch: Watch | None = None,
     ) -> None:
         scenario = case.scenario
         self.case, self.scenario, self.junction = case, scenario, scenario.place
         self._name, self._versions, self._elsewhere = name, versions, frozenset(elsewhere)
-        self._controlled = controlled
+        self._controlled, self._watch = controlled, watch or Watch()
         self.collisions: list[Collision] = []
         self.fault: Fault | None = None
         self.end = "duration"
@@ -124,14 +126,14 @@ class Loop:
             self._sample()
             order = [self._agents[column] for column in self._active]
             key = f"{self.junction.name} {scenario.placed} {scenario.configuration}"
-            seats = crew(order, case.driver, case.traffic, scenario.under_test, scenario.senses, key, self.junction)
+            seats = crew(order, case.driver, case.traffic, scenario.under_test, scenario.senses, key, self.junction, self._watch)
             self._seats = dict(zip(self._active, seats, strict=True))
             while self._step < last and not self._over():
                 self._advance(self._decide())
                 self._sample()
             self._over()
         except TooLate:
-            if not (late := watch().late):
+            if not (late := self._watch.late):
                 raise  # the limit of an outer run, within which this run is simulated
             self._halted(Halt(self._agents[0].name, f"{self._name} simulating {scenario.name}: {late}", end=LATE))
         except Halt as halt:
@@ -331,9 +333,9 @@ class Planar:
         self.name = engine.name
         self.libraries = (engine.library,)
 
-    def __call__(self, case: Case) -> Run:
+    def __call__(self, case: Case, watch: Watch | None = None) -> Run:
         """Return the run of a case, see `pytest_rvads.simulators.simulator.simulate`."""
-        return Loop(case, self.name, self.engine.world, versions(self.engine.library)).drive()
+        return Loop(case, self.name, self.engine.world, versions(self.engine.library), watch=watch).drive()
 
     def vmax(self, distance: float, aggression: int = 1, vehicle: Vehicle | None = None) -> float | None:
         """Return the greatest safe speed `distance` metres before the stopping line, see `pytest_rvads.physics.braking.vmax`."""

@@ -23,7 +23,7 @@ from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.runs.run import DT, FAULT, LATE, Halt
 from pytest_rvads.runs.states import Agent
 from pytest_rvads.scenarios.senses import IDEAL, Senses
-from pytest_rvads.simulators.patience import TooLate, watch
+from pytest_rvads.simulators.patience import TooLate, Watch
 from pytest_rvads.simulators.perception import Latency, Perception
 from pytest_rvads.support.errors import AutopilotError
 from pytest_rvads.support.tracebacks import place_of
@@ -44,15 +44,17 @@ _TIMES = 32
 class Seat:
     """The connection of an autopilot to one vehicle; the random draws of its senses depend on `key` and the vehicle's name.
 
+    `watch` enforces the limits of real time.
+
     A `Halt` is raised if the autopilot has no method ``control``, its label is no text, it raises, or its period is no multiple
     of the step.
     """
 
-    def __init__(self, agent: Agent, autopilot: Any, senses: Senses = IDEAL, key: str = "") -> None:
+    def __init__(self, agent: Agent, autopilot: Any, senses: Senses = IDEAL, key: str = "", watch: Watch | None = None) -> None:
         self.agent = agent
         self.autopilot = autopilot
-        self._watch = watch()
-        with _asking(f"making {type(autopilot).__qualname__} for {agent.name}", agent):
+        self._watch = watch or Watch()
+        with _asking(self._watch, f"making {type(autopilot).__qualname__} for {agent.name}", agent):
             self.name = name_of(autopilot)
             objection = wrong_label(autopilot)
             if not objection and not callable(getattr(autopilot, "control", None)):
@@ -95,7 +97,7 @@ class Seat:
         """Return the finite numbers and the texts of `Autopilot.timing`; None without measurements or after an error."""
         entries: dict[str, float | str] = {}
         try:
-            with _asking("timing", self.agent, limited=self._limited):
+            with _asking(self._watch, "timing", self.agent, limited=self._limited):
                 measurements = self.autopilot.timing()
                 if not isinstance(measurements, Mapping):
                     return None
@@ -135,7 +137,7 @@ class Seat:
         except BaseException as error:
             watched.asked = None
             doing = f"{self.name} driving {self.agent.name}"
-            raise _fault(error, doing, self.agent, self.autopilot, f" at {seen.time:.2f} s") from error
+            raise _fault(watched, error, doing, self.agent, self.autopilot, f" at {seen.time:.2f} s") from error
         finally:
             watched.asked = None
         return self._held if command == self._held else command  # the tracking controller compares trajectories by identity
@@ -149,37 +151,39 @@ def crew(
     senses: Senses = IDEAL,
     key: str = "",
     junction: Junction | None = None,
+    watch: Watch | None = None,
 ) -> list[Seat]:
     """Return the seats of a run, with new autopilots.
 
     In a run with a subject, `traffic` makes the autopilots of all other vehicles. Traffic systems get the junction, if it is
-    given, before they make autopilots.
+    given, before they make autopilots. `watch` enforces the limits of real time.
     """
+    watch = watch or Watch()
     if traffic is None:
-        return _hire(driver, agents, junction, senses, key)
-    seats = {seat.agent: seat for seat in _hire(driver, [a for a in agents if a.name == subject], junction, senses, key)}
-    seats |= {seat.agent: seat for seat in _hire(traffic, [a for a in agents if a.name != subject], junction)}
+        return _hire(watch, driver, agents, junction, senses, key)
+    seats = {seat.agent: seat for seat in _hire(watch, driver, [a for a in agents if a.name == subject], junction, senses, key)}
+    seats |= {seat.agent: seat for seat in _hire(watch, traffic, [a for a in agents if a.name != subject], junction)}
     return [seats[agent] for agent in agents]
 
 
 def _hire(
-    factory: Factory, agents: Sequence[Agent], junction: Junction | None, senses: Senses = IDEAL, key: str = ""
+    watch: Watch, factory: Factory, agents: Sequence[Agent], junction: Junction | None, senses: Senses = IDEAL, key: str = ""
 ) -> list[Seat]:
     """Return the seats of `agents`; the factory is called once per agent, or only once if the factory makes a traffic system."""
     seats: list[Seat] = []
     for agent in agents:
-        with _asking(f"making {name_of(factory)} for {agent.name}", agent):
+        with _asking(watch, f"making {name_of(factory)} for {agent.name}", agent):
             product: Any = factory()
             coordinates = callable(getattr(product, "autopilots", None))
         if not coordinates:
-            seats.append(Seat(agent, product, senses, key))
+            seats.append(Seat(agent, product, senses, key, watch))
             continue
         name, first = name_of(type(product)), agents[0]
         limited = not getattr(product, "own_limits", False)
         if junction is not None and callable(prepare := getattr(product, "prepare", None)):
-            with _asking(f"{name}.prepare", first, limited=limited):
+            with _asking(watch, f"{name}.prepare", first, limited=limited):
                 prepare(junction)
-        with _asking(f"{name}.autopilots", first, limited=limited):
+        with _asking(watch, f"{name}.autopilots", first, limited=limited):
             objection = wrong_label(product)
             autopilots = [] if objection else list(islice(product.autopilots(tuple(agents)), len(agents) + 1))
         if objection:
@@ -188,52 +192,50 @@ def _hire(
             count = f"{len(autopilots)}" if len(autopilots) < len(agents) else "more"
             reason = f"{name}.autopilots returned {count} autopilots, expected one for each of {len(agents)} agents"
             raise Halt(first.name, reason)
-        return [Seat(a, autopilot, senses, key) for a, autopilot in zip(agents, autopilots, strict=True)]
+        return [Seat(a, autopilot, senses, key, watch) for a, autopilot in zip(agents, autopilots, strict=True)]
     return seats
 
 
 @contextmanager
-def _asking(doing: str, agent: Agent, *, limited: bool = True) -> Iterator[None]:
+def _asking(watch: Watch, doing: str, agent: Agent, *, limited: bool = True) -> Iterator[None]:
     """Run code of a driver: an exception ends the run with a fault, and so does exceeding a limit of real time."""
-    watched = watch()
-    watched.asked = object() if limited else None
+    watch.asked = object() if limited else None
     try:
         yield
-        if watched.late:
+        if watch.late:
             raise TooLate  # the driver caught the exception that the time limit raised
     except BaseException as error:
-        watched.asked = None
-        raise _fault(error, doing, agent) from error
+        watch.asked = None
+        raise _fault(watch, error, doing, agent) from error
     finally:
-        watched.asked = None
+        watch.asked = None
 
 
-def _fault(error: BaseException, doing: str, agent: Agent, autopilot: Any = None, when: str = "") -> Halt:
+def _fault(watch: Watch, error: BaseException, doing: str, agent: Agent, autopilot: Any = None, when: str = "") -> Halt:
     """Return the `Halt` for an error in code of a driver; call ``abandon()`` of an autopilot that is late or gave no command."""
-    watch().end_in_child(error)
+    watch.end_in_child(error)
     if isinstance(error, KeyboardInterrupt):
         raise error
     if isinstance(error, TooLate):
-        late, detail = watch().late, _detail(autopilot, "abandon")
+        late, detail = watch.late, _detail(watch, autopilot, "abandon")
         if not late:
             raise error
         return Halt(agent.name, one_line(f"{doing}{when}: {late}", _REASON), detail, LATE)
     if isinstance(error, UnfitCommand):
-        return Halt(agent.name, one_line(f"{doing}{when} returned {error}", _REASON), _detail(autopilot, "abandon"))
+        return Halt(agent.name, one_line(f"{doing}{when} returned {error}", _REASON), _detail(watch, autopilot, "abandon"))
     if isinstance(error, AutopilotError):
         from pytest_rvads.drivers.stacks.child import StackError, StackTimeout
 
         named = not when and isinstance(error, StackError)  # its text names the stack
         end = LATE if isinstance(error, StackTimeout) else FAULT
-        reason = str(error) if named else f"{doing}{when}: {error}" if str(error) else f"{doing} {_describe(error)}{when}"
-        return Halt(agent.name, one_line(reason, _REASON), _detail(error, "detail"), end)
-    return Halt(agent.name, one_line(f"{doing} {_describe(error)}{when}", _REASON))
+        reason = str(error) if named else f"{doing}{when}: {error}" if str(error) else f"{doing} {_describe(watch, error)}{when}"
+        return Halt(agent.name, one_line(reason, _REASON), _detail(watch, error, "detail"), end)
+    return Halt(agent.name, one_line(f"{doing} {_describe(watch, error)}{when}", _REASON))
 
 
-def _detail(source: Any, name: str) -> str:
+def _detail(watch: Watch, source: Any, name: str) -> str:
     """Return the text of an attribute or method of `source`, at most its last `_LONGEST` characters."""
-    watched = watch()
-    watched.asked = object()
+    watch.asked = object()
     try:
         value = getattr(source, name, None)
         value = value() if callable(value) else value
@@ -241,26 +243,25 @@ def _detail(source: Any, name: str) -> str:
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # the run has ended, and the reason is known
-        text = f"{name} {_describe(error)}"
+        text = f"{name} {_describe(watch, error)}"
     finally:
-        watched.asked = None
+        watch.asked = None
     return printable(text[-_LONGEST:], _LONGEST)
 
 
-def _describe(error: BaseException) -> str:
+def _describe(watch: Watch, error: BaseException) -> str:
     """Return "raised Type: text (file:line)" with the innermost line in code of the user.
 
     The file is named without its folder, because the text is part of the run's hash, which must not depend on the checkout.
     """
-    kind = _read(lambda: type(error).__name__, "an error")
-    text = _read(lambda: str(error), "it can't be told what")
+    kind = _read(watch, lambda: type(error).__name__, "an error")
+    text = _read(watch, lambda: str(error), "it can't be told what")
     return f"raised {kind}{': ' if text else ''}{text} ({place_of(error)})"
 
 
-def _read(compute: Callable[[], str], otherwise: str) -> str:
+def _read(watch: Watch, compute: Callable[[], str], otherwise: str) -> str:
     """Return a text that code of a driver computes, on one line; `otherwise` if this code raises an exception."""
-    watched = watch()
-    watched.asked = compute
+    watch.asked = compute
     try:
         return one_line(compute(), _TEXT)
     except KeyboardInterrupt:
@@ -268,4 +269,4 @@ def _read(compute: Callable[[], str], otherwise: str) -> str:
     except BaseException:  # the run has ended anyway
         return otherwise
     finally:
-        watched.asked = None
+        watch.asked = None

@@ -24,8 +24,7 @@ from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.states import Vehicle, Zone
 from pytest_rvads.satellites.conformance.bench import Bench, Brakes, Broken, NotTried, crowd, own_row, set_back
 from pytest_rvads.scenarios.case import Case, Fleet
-from pytest_rvads.simulators.patience import limits
-from pytest_rvads.simulators.simulator import Simulator, made_by, named, simulate, simulators, usable, vmax
+from pytest_rvads.simulators.simulator import Simulator, limits, made_by, named, simulate, simulators, usable, vmax
 from pytest_rvads.support.errors import MapError, RunError, RvadsError, ScenarioError
 from pytest_rvads.support.wording import one_line
 
@@ -227,8 +226,8 @@ def answer() -> None:
     sys.path[:] = asked["path"]
     simulator, cases = pickle.loads(base64.b64decode(asked["pickled"]))
     maker = named(simulator) if isinstance(simulator, str) else simulator
-    with limits(decision=asked["longest"], run=asked["longest"]):
-        hashes = [simulate(case, maker).hash for case in cases]
+    choice = limits(decision=asked["longest"], run=asked["longest"], simulator=maker)
+    hashes = [simulate(case, choice).hash for case in cases]
     sys.stdout.write(f"{_MARK}{json.dumps(hashes)}\n")
 
 

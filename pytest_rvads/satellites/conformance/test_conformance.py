@@ -17,8 +17,9 @@ from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.satellites.conformance import events, in_motion, start_and_repetition, with_drivers
 from pytest_rvads.satellites.conformance.bench import JUNCTIONS, Bench, Broken, Look, NotTried
+from pytest_rvads.session.chosen_driver import choice_of
 from pytest_rvads.session.options import Options
-from pytest_rvads.simulators.simulator import Simulator, meant
+from pytest_rvads.simulators.simulator import Simulator
 from pytest_rvads.support.errors import ScenarioError, require, suggest
 from pytest_rvads.support.wording import one_line
 
@@ -60,10 +61,11 @@ CHECKS: Mapping[str, tuple[Look, bool]] = MappingProxyType(
 @pytest.fixture(scope="module")
 def bench(pytestconfig: pytest.Config) -> Bench:
     """Return the bench: the simulator, with the drivers and junctions of the checks. The checks share its runs."""
-    simulator: Simulator = meant()
+    choice = choice_of(pytestconfig)
+    simulator = choice.simulator
     name = Options.read(pytestconfig).simulator
     drivers = (Reference, *getattr(simulator, "drivers", ()))
-    return Bench(simulator, drivers, tuple(map(find, JUNCTIONS)), name if name and ":" in name else None)
+    return Bench(simulator, drivers, tuple(map(find, JUNCTIONS)), name if name and ":" in name else None, dump=choice.limits.dump)
 
 
 @pytest.mark.parametrize("check", CHECKS)

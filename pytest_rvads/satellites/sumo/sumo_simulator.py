@@ -27,6 +27,7 @@ from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.forks import forks
 from pytest_rvads.scenarios.senses import Senses
 from pytest_rvads.simulators.loop import Loop, usual
+from pytest_rvads.simulators.patience import USUAL, Watch
 from pytest_rvads.support.errors import ScenarioError, needs, require
 from pytest_rvads.support.installed import versions
 
@@ -74,7 +75,7 @@ class Sumo:
             require(value, str | Real, f"rvads.Sumo({name}=) takes a number or a text", ScenarioError)
         self.attributes: Mapping[str, str] = MappingProxyType({name: f"{value}" for name, value in attributes.items()})
 
-    def __call__(self, case: Case) -> Run:
+    def __call__(self, case: Case, watch: Watch | None = None) -> Run:
         """Simulate a case, see `pytest_rvads.simulators.simulator.simulate`.
 
         A case in which no vehicle has the driver ``sumo`` is simulated by the default simulator, which the provenance of the
@@ -88,9 +89,9 @@ class Sumo:
         _check_installation()
         driven, seed = _columns_driven_by_sumo(case), (SEED + case.scenario.senses.seed) % _SEED_BOUND
         if not driven:
-            return usual()(case)
-        make = partial(SumoWorld, case, driven, seed, self.attributes)
-        loop = Loop(case, self.name, make, versions(*_LIBRARIES, engines.usual().library), driven)
+            return usual()(case, watch)
+        make = partial(SumoWorld, case, driven, seed, self.attributes, (watch or Watch()).limits.decision)
+        loop = Loop(case, self.name, make, versions(*_LIBRARIES, engines.usual().library), driven, watch=watch)
         run = loop.drive()
         return replace(run, provenance={**run.provenance, "sumo": {"seed": seed, "attributes": dict(self.attributes)}})
 
@@ -127,7 +128,7 @@ class Sumo:
 
     def _measured_vmax(self, distance: float, aggression: int, vehicle: Vehicle) -> float | None:
         _check_installation()
-        road, process = straight(_ROAD), acquire()
+        road, process = straight(_ROAD), acquire(USUAL.decision)
         try:
 
             def safe(speed: float) -> bool:

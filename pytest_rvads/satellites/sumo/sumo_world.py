@@ -42,6 +42,7 @@ class SumoWorld:
         driven: Collection[int],
         seed: int,
         attributes: Mapping[str, str],
+        limit: float,
         vehicles: Sequence[Vehicle],
         starts: Sequence[Motion],
     ) -> None:
@@ -54,7 +55,7 @@ class SumoWorld:
         self._rows, self._next = array("d"), 0
         net = network(case.scenario.place, case.scenario.signals())
         self._plane: World | None = None
-        self._sumo = acquire()
+        self._sumo = acquire(limit)
         try:
             if self._ours:
                 self._plane = engines.usual().world([vehicles[k] for k in self._ours], [starts[k] for k in self._ours])

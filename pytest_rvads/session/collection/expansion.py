@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import pytest
 
+from pytest_rvads.session.chosen_driver import NAMED
 from pytest_rvads.session.collection.cells import Cell, Known, PlannedRun, RecordedCell, Resolved, Runs
 from pytest_rvads.session.collection.extensions import extensions
 from pytest_rvads.session.collection.misuse import told_at
@@ -218,7 +219,7 @@ def _resolve(ask: Ask, test: pytest.Function, options: Options, added: Extension
 
     plan = test.config.stash[PLAN]
     watch = partial(_watched, test.config, "v(d)max of point", least=_POINTS)
-    selected = ask.resolve(test.path.parent, options, added, watch, takes_rule)
+    selected = ask.resolve(test.path.parent, options, added, watch, takes_rule, test.config.stash[NAMED])
     if options.sample is None:
         _refuse_many(selected.resolved, options)
     for resolved in selected.resolved:
