@@ -3,8 +3,8 @@
 The states of a run depend on simulated time alone. Limits of real time end the run of a driver that never answers, so that later
 tests can run. A thread checks the run and raises `TooLate` in the thread of a run that exceeds a limit: in the main thread by a
 signal, which also ends a blocking call, in other threads by the interpreter. A driver that catches all exceptions, or that hangs
-in C, does not stop. The process of such a driver ends and writes the call stacks of its threads if it is a worker process, without
-which its parent process goes on, or if `Limits.dump` is set.
+in C, does not stop. The process of such a driver ends and writes the call stacks of its threads if it is a worker process,
+without which its parent process goes on, or if `Limits.dump` is set.
 
 The signal is SIGURG, which is ignored by default. No timer is used, so alarms stay free for drivers and plugins, and no system
 call of a run within its limits is interrupted. Only to end the process, the timer of faulthandler is used, which a process has
