@@ -144,14 +144,15 @@ def test_endless_standard_error_keeps_nobody_waiting_and_is_forgotten_but_for_it
 
 KILLED = """
 import os, sys
-from pytest_rvads.drivers.stacks import descendants
 from pytest_rvads.drivers.stacks.child import Child
-first = Child([sys.executable, "-I", "-S", *sys.argv[1:]], grace=0.1)
+from pytest_rvads.drivers.stacks.descendants import Guard
+guard = Guard()
+first = Child([sys.executable, "-I", "-S", *sys.argv[1:]], grace=0.1, guard=guard)
 first.send(b'{"type": "hello"}\\n', 60.0)
 first.line(60.0)
-descendants._guard.kill()
-descendants._guard.wait()
-second = Child(["sleep", "50"])
+guard._process.kill()
+guard._process.wait()
+second = Child(["sleep", "50"], guard=guard)
 print(flush=True)
 sys.stdin.read()
 """
