@@ -29,11 +29,12 @@ NAMED: pytest.StashKey[Simulator | None] = pytest.StashKey()
 """The simulator that an option names; None if no option names one."""
 
 
-def choice_of(config: pytest.Config, simulator: Simulator | None = None) -> Choice:
-    """Return a simulator, by default the session's, with the session's limits of real time if it has no limits of its own."""
-    from pytest_rvads.simulators.simulator import Choice
+def choice_of(config: pytest.Config, simulator: Any = NAMED) -> Choice:
+    """Return the value of a fixture, or by default the simulator of the session, with the session's limits of real time."""
+    from pytest_rvads.simulators.simulator import Choice, usable
 
-    return Choice.of(config.stash[NAMED] if simulator is None else simulator, config.stash[LIMITS])
+    chosen = config.stash[NAMED] if simulator is NAMED else usable(simulator)
+    return Choice.of(chosen, config.stash[LIMITS])
 
 
 def code_of(factory: Any, config: pytest.Config) -> str:

@@ -238,7 +238,7 @@ def test_simulator_option_selects_simulator_and_vmax(pytester: pytest.Pytester) 
             monitor.check(rule)
 
         def test_it_counted(rvads_simulator):
-            assert (rvads_simulator.name, rvads_simulator.runs) == ("counting", 1), "5 m/s is beyond its envelope"
+            assert (rvads_simulator.name, rvads_simulator.simulator.runs) == ("counting", 1), "5 m/s is beyond its envelope"
     """)
     options = ("--rvads-autopilot=reference", "-p", "no:cacheprovider")
     result = pytester.runpytest(*options, "--rvads-simulator=own:counting")

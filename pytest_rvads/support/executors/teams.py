@@ -10,9 +10,9 @@ import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from functools import partial
+from functools import lru_cache
 from itertools import count
-from typing import Any, Generic, NamedTuple, TypeAlias, TypeVar
+from typing import Any, NamedTuple, TypeAlias
 
 from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.tracebacks import located
@@ -20,8 +20,6 @@ from pytest_rvads.support.wording import one_line
 
 AHEAD = 4
 """Parts (groups of jobs) per worker that are submitted before the oldest part is done; more would wait for a slow job."""
-_Job = TypeVar("_Job")
-_Result = TypeVar("_Result")
 _UNKNOWN = 512
 """Number of parts that are submitted and not done at the same time, if an executor does not state its number of workers."""
 DIED = "died, perhaps for lack of memory, or because its driver hung or ended it"
@@ -52,18 +50,25 @@ class Part(NamedTuple):
 
 
 class Own:
-    """Workers that are processes of this computer, started by the package."""
+    """Workers that are processes of this computer; they ignore Ctrl-C, and end when this process ends, even if it is killed."""
 
     def __init__(self, work: Callable[[Any], Any], processes: int) -> None:
         self.ahead = AHEAD * processes
         self._tries = min(processes, 2)
         """How often a part is lost before its jobs run alone; other processes can't have harmed the part of a single one."""
-        self._crew: Crew[bytes, list[Any]] = Crew(partial(_opener, _packed(work)), processes)
-        self.close, self.stop = self._crew.close, self._crew.stop
+        self._work, self._processes = _packed(work), processes
+        self._foreign_children = set(multiprocessing.active_children())
+        self._pool = _hired(processes)
 
     def submit(self, part: Part) -> Future[list[Any]]:
-        """Submit a part."""
-        return self._crew.submit(_packed(part.jobs))
+        """Submit a part; if a process died, new processes are started first."""
+        jobs = _packed(part.jobs)
+        try:
+            return self._pool.submit(_unpacked_answers, self._work, jobs)
+        except BrokenProcessPool:
+            self._pool.shutdown()
+            self._pool = _hired(self._processes)
+            return self._pool.submit(_unpacked_answers, self._work, jobs)
 
     def submits_again(self, part: Part, error: BaseException) -> bool:
         """Return whether a part lost by `error` is submitted again; if not, each of its jobs is done alone in a process."""
@@ -72,11 +77,27 @@ class Own:
         return part.losses < self._tries
 
     def alone(self, job: Any) -> Any:
-        """Return the answer to a job that may kill its process."""
+        """Return the answer to a job that may kill its process; the job has a separate process."""
+        pool = _hired(1)
         try:
-            return self._crew.alone(_packed((job,)))[0]
+            return pool.submit(_unpacked_answers, self._work, _packed((job,))).result()[0]
         except BrokenProcessPool:
             return _dead()
+        except KeyboardInterrupt:
+            self.stop()
+            raise
+        finally:
+            pool.shutdown()
+
+    def close(self) -> None:
+        """End the processes after all jobs are done."""
+        self._pool.shutdown()
+
+    def stop(self) -> None:
+        """End all processes at once."""
+        for process in set(multiprocessing.active_children()) - self._foreign_children:
+            process.terminate()
+        self._pool.shutdown(cancel_futures=True)
 
 
 class Foreign:
@@ -131,63 +152,16 @@ Team: TypeAlias = Own | Foreign
 """Either kind of workers; the attribute `ahead` of both is the largest number of parts that are submitted and not done."""
 
 
-class Crew(Generic[_Job, _Result]):
-    """Worker processes of the calling process. They end when the calling process ends, even if it is killed, and ignore Ctrl-C.
-
-    `begin` is called in each worker process, and returns the function that does the jobs.
-    """
-
-    def __init__(self, begin: Callable[[], Callable[[_Job], _Result]], processes: int) -> None:
-        self._begin, self._processes = begin, processes
-        self._foreign_children = set(multiprocessing.active_children())
-        self._pool = self._hire(processes)
-
-    def _hire(self, processes: int) -> ProcessPoolExecutor:
-        return ProcessPoolExecutor(processes, initializer=_enter, initargs=(self._begin,))
-
-    def submit(self, job: _Job) -> Future[_Result]:
-        """Submit a job; if a process died, new processes are started first."""
-        try:
-            return self._pool.submit(_do, job)
-        except BrokenProcessPool:
-            self._pool.shutdown()
-            self._pool = self._hire(self._processes)
-            return self._pool.submit(_do, job)
-
-    def alone(self, job: _Job) -> _Result:
-        """Return the result of a job in a separate process, so that only this job can kill the process."""
-        pool = self._hire(1)
-        try:
-            result: _Result = pool.submit(_do, job).result()
-        except KeyboardInterrupt:
-            self.stop()
-            raise
-        finally:
-            pool.shutdown()
-        return result
-
-    def close(self) -> None:
-        """End the processes after all jobs are done."""
-        self._pool.shutdown()
-
-    def stop(self) -> None:
-        """End all processes at once."""
-        for process in set(multiprocessing.active_children()) - self._foreign_children:
-            process.terminate()
-        self._pool.shutdown(cancel_futures=True)
+def _hired(processes: int) -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(processes, initializer=_enter)
 
 
-_doer: list[Callable[[Any], Any]] = []
-"""The function that does the jobs, in a worker process."""
-
-
-def _enter(begin: Callable[[], Callable[[Any], Any]]) -> None:
+def _enter() -> None:
     for name in ("SIGINT", "SIGHUP"):  # the terminal interrupts all processes; the parent decides when workers end
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)  # the parent ends a worker by this signal
     threading.Thread(target=_watch, daemon=True).start()
-    _doer[:] = [begin()]
 
 
 def _watch() -> None:
@@ -198,14 +172,19 @@ def _watch() -> None:
         os._exit(1)
 
 
-def _do(job: Any) -> Any:
-    return _doer[0](job)
+def _unpacked_answers(work: bytes, jobs: bytes) -> list[Any]:
+    try:
+        function, unpacked = _unpacked(work), pickle.loads(jobs)
+    except SystemExit as error:  # a module of a user that is imported here
+        raise RvadsError(located(error)) from None
+    return _answers(function, unpacked)
 
 
-def _opener(work: bytes) -> Callable[[bytes], list[Any]]:
-    """Return the function that unpacks pickled jobs and does the jobs."""
-    function = pickle.loads(work)
-    return lambda packed: _answers(function, pickle.loads(packed))
+@lru_cache(maxsize=1)
+def _unpacked(work: bytes) -> Callable[[Any], Any]:
+    """Return the function that does the jobs, which is equal for all jobs of a worker."""
+    function: Callable[[Any], Any] = pickle.loads(work)
+    return function
 
 
 def _answers(work: Callable[[Any], Any], jobs: Sequence[Any], _number: int = 0) -> list[Any]:
