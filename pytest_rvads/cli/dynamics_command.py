@@ -70,7 +70,7 @@ def _braking(options: argparse.Namespace) -> int:
     curves = envelope(_DISTANCES, limit=limit)
     title = "v(d)max of the plant, full service brake"
     if options.autopilot is not None:
-        from pytest_rvads.simulators.closed_loop import closed_envelope
+        from pytest_rvads.simulators.driver_dynamics import closed_envelope
 
         curves = closed_envelope(options.autopilot, _DISTANCES, simulator=options.simulator, progress=progress_for(options))
         title = f"v(d)max that the autopilot {options.autopilot} reaches, red light ahead"

@@ -15,7 +15,7 @@ from pytest_rvads.runs.states import Colour
 from pytest_rvads.scenarios.ids import from_id, recalled
 from pytest_rvads.scenarios.pedestrians import CRUISE, PULL, arrival, cast_of
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.walkers import Walker
+from pytest_rvads.simulators.loop import Walker
 from pytest_rvads.support.errors import ScenarioError
 from tests.zebras import zebra
 

@@ -9,8 +9,7 @@ import pytest_rvads as rvads
 from pytest_rvads.runs.run import Run
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.closed_loop import RED, stopped
-from pytest_rvads.simulators.driver_dynamics import LENGTH, LIMIT, PUBLISHED, Measured, settings
+from pytest_rvads.simulators.driver_dynamics import LENGTH, LIMIT, PUBLISHED, RED, Measured, settings, stopped
 from pytest_rvads.simulators.loop import usual
 
 HELD = 6.0

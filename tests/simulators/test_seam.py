@@ -18,7 +18,7 @@ from pytest_rvads.cli import main
 from pytest_rvads.runs.run import Collision
 from pytest_rvads.satellites.relations.relations import RELATIONS
 from pytest_rvads.search.falsify import look_for
-from pytest_rvads.simulators.closed_loop import closed_vmax
+from pytest_rvads.simulators.driver_dynamics import closed_vmax
 from pytest_rvads.simulators.loop import usual
 from pytest_rvads.simulators.patience import Watch
 from pytest_rvads.simulators.simulator import Choice, named
@@ -401,7 +401,7 @@ def test_simulator_of_the_session_is_the_value_of_its_fixture(pytester: pytest.P
         from hypothesis import find
         from own import counting
         from pytest_rvads.search.falsify import look_for
-        from pytest_rvads.simulators.closed_loop import closed_vmax
+        from pytest_rvads.simulators.driver_dynamics import closed_vmax
 
         CASE = rvads.Case(rvads.Scenario(rvads.find("stop4"), "2000", distance=1.0, duration=8.0), rvads.Reference)
 

@@ -124,7 +124,8 @@ class Guard:
 
     def unwatch(self, leader: int) -> None:
         """Report that a stack has ended."""
-        if self._parent == os.getpid() and self._watched.pop(leader, None):
+        if self._parent == os.getpid() and leader in self._watched:
+            del self._watched[leader]
             self._send(f"{leader}\n")
 
     def _send(self, line: str) -> None:

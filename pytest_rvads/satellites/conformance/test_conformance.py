@@ -15,10 +15,9 @@ import pytest
 
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.geometry.finder import find
-from pytest_rvads.satellites.conformance import events, in_motion, start_and_repetition, with_drivers
+from pytest_rvads.satellites.conformance import in_motion, start_and_repetition, with_drivers
 from pytest_rvads.satellites.conformance.bench import JUNCTIONS, Bench, Broken, Look, NotTried
-from pytest_rvads.session.chosen_driver import choice_of
-from pytest_rvads.session.options import Options
+from pytest_rvads.session.options import Options, choice_of
 from pytest_rvads.simulators.simulator import Simulator
 from pytest_rvads.support.errors import ScenarioError, require, suggest
 from pytest_rvads.support.wording import one_line
@@ -45,11 +44,11 @@ CHECKS: Mapping[str, tuple[Look, bool]] = MappingProxyType(
         "hanging": (with_drivers.hanging, False),
         "route": (with_drivers.leaving_the_route, False),
         "braking": (with_drivers.brakes_by_its_envelope, False),
-        "gone": (events.gone_for_good, False),
-        "crossing": (events.crossing, False),
-        "running_into": (events.running_into, False),
-        "passing": (events.passing, False),
-        "pedestrians": (events.pedestrians, False),
+        "gone": (in_motion.gone_for_good, False),
+        "crossing": (in_motion.crossing, False),
+        "running_into": (in_motion.running_into, False),
+        "passing": (in_motion.passing, False),
+        "pedestrians": (in_motion.pedestrians, False),
         "repeatable": (start_and_repetition.repeatable, True),
         "another_process": (start_and_repetition.another_process, False),
         "provenance": (start_and_repetition.provenance, True),

@@ -20,10 +20,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import pytest
 
-from pytest_rvads.session.chosen_driver import NAMED
 from pytest_rvads.session.collection.cells import Cell, Known, PlannedRun, RecordedCell, Resolved, Runs
 from pytest_rvads.session.collection.extensions import extensions
 from pytest_rvads.session.collection.misuse import told_at
+from pytest_rvads.session.options import NAMED
 from pytest_rvads.session.plan import PLAN
 from pytest_rvads.support.errors import OpenObligation, RuleViolation, ScenarioError
 

@@ -19,7 +19,7 @@ import pytest
 import pytest_rvads as rvads
 from pytest_rvads.logic.conduct.bodies import overlap
 from pytest_rvads.runs.states import Colour
-from pytest_rvads.satellites.sumo import sumo_process, sumo_simulator, sumo_world
+from pytest_rvads.satellites.sumo import sumo_process, sumo_simulator
 from pytest_rvads.satellites.sumo.sumo_process import SumoProcess
 from pytest_rvads.simulators.loop import usual
 from pytest_rvads.support.errors import ScenarioError
@@ -124,7 +124,7 @@ def _hash() -> str:
 
 def test_number_of_steps_per_call_does_not_change_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
     first = simulated("right4", "1233").hash
-    monkeypatch.setattr(sumo_world, "_AHEAD", 7)
+    monkeypatch.setattr(sumo_simulator, "_AHEAD", 7)
     assert simulated("right4", "1233").hash == first
 
 
