@@ -68,14 +68,9 @@ def simulators() -> dict[str, str]:
 
 
 def named(name: str | None, folder: Path | None = None) -> Simulator:
-    """Return the simulator that has a name, or that ``module:name`` denotes.
+    """Return the simulator that has a name, or that ``module:name`` denotes, looked for in `folder` first.
 
-    Args:
-        name: name or ``module:name``; None for the usual simulator.
-        folder: folder that is searched for modules first.
-
-    Raises:
-        ScenarioError: no simulator has this name, the named object is no simulator, or a library of the simulator is missing.
+    None is the name of the usual simulator. A library of the simulator that is missing is a ScenarioError, too.
     """
     if name is None:
         return usual()
@@ -96,15 +91,7 @@ def named(name: str | None, folder: Path | None = None) -> Simulator:
 
 
 def usable(simulator: Any, label: str = "") -> Simulator:
-    """Return `simulator` after a check that it is a simulator.
-
-    Args:
-        simulator: value of an option, a fixture or an argument.
-        label: name of the value in the message; by default its representation.
-
-    Raises:
-        ScenarioError: the value is no simulator.
-    """
+    """Return the value of an option, a fixture or an argument if it is a simulator; `label` names the value in the message."""
     if isinstance(simulator, type):
         objection = "is a class"
     elif missing := next((a for a in ("__call__", "vmax") if not callable(getattr(simulator, a, None))), ""):
@@ -129,15 +116,7 @@ class Choice:
 
     @classmethod
     def of(cls, simulator: Simulator | None = None, limits: Limits = USUAL) -> Choice:
-        """Return a simulator with limits; a choice keeps its own limits.
-
-        Args:
-            simulator: a simulator or a choice; None for the usual simulator.
-            limits: the limits of real time of a simulator that has none.
-
-        Raises:
-            ScenarioError: `simulator` is no simulator.
-        """
+        """Return a simulator, by default the usual one, with limits; a choice keeps its own limits."""
         if not isinstance(simulator, Choice):
             return cls(usual() if simulator is None else usable(simulator), limits)
         own = simulator.limits

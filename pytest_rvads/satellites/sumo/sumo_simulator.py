@@ -83,12 +83,7 @@ class Sumo:
         """Simulate a case, see `pytest_rvads.simulators.simulator.simulate`.
 
         A case in which no vehicle has the driver ``sumo`` is simulated by the default simulator, which the provenance of the
-        run names.
-
-        Raises:
-            ScenarioError: SUMO can't represent the junction, `SumoDriver` has senses that are not ideal, or vehicles of two
-                entrances start where the lanes of these entrances are still one lane.
-            RunError: SUMO or netconvert is not installed or failed.
+        run names. A ScenarioError is raised if SUMO can't represent the junction or the case, a RunError if SUMO failed.
         """
         _check_installation()
         driven, seed = _columns_driven_by_sumo(case), (SEED + case.scenario.senses.seed) % _SEED_BOUND
@@ -104,18 +99,6 @@ class Sumo:
 
         For vehicles that SUMO drives, the speed is found by braking in SUMO, whose brakes have no lag. For vehicles with other
         drivers, the speed is the result of `pytest_rvads.physics.braking.vmax`. The smaller of the two speeds is returned.
-
-        Args:
-            distance: distance from the front to the stopping line [m].
-            aggression: level 1, 2 or 3, which selects the deceleration.
-            vehicle: parameters of the vehicle; None for a passenger car.
-
-        Returns:
-            The speed [m/s]; None if a vehicle can't stop within the distance from any speed.
-
-        Raises:
-            ScenarioError: the distance is negative or not finite, or the aggression is unknown.
-            RunError: SUMO or netconvert is not installed or failed.
         """
         check_start(distance, aggression)
         body = vehicle or Vehicle()

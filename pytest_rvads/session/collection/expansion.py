@@ -30,7 +30,7 @@ from pytest_rvads.support.errors import OpenObligation, RuleViolation, ScenarioE
 if TYPE_CHECKING:
     from pytest_rvads.session.collection.ask import Ask
     from pytest_rvads.session.collection.extensions import Extensions
-    from pytest_rvads.session.collection.recordings import OpenFiles
+    from pytest_rvads.session.collection.marks import OpenFiles
     from pytest_rvads.session.options import Options
 
 T = TypeVar("T")
@@ -81,7 +81,7 @@ def expand(metafunc: pytest.Metafunc, options: Options) -> None:
 def expand_recorded(metafunc: pytest.Metafunc, options: Options) -> None:
     """Expand a test into an item per recorded run and rule of its marks; the fixtures of driver and simulator are not set up."""
     __tracebackhide__ = True
-    from pytest_rvads.session.collection.recordings import OpenFiles, Recordings
+    from pytest_rvads.session.collection.marks import OpenFiles, Recordings
 
     test = metafunc.definition
     asks = _nearest(test, "recorded", Recordings)
