@@ -31,8 +31,6 @@ _POLITE = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(si
 _PR_SET_PDEATHSIG = 1
 _PATIENCE = 15.0
 """Longest time between the end of the main thread and the exit of the process [s]."""
-_statuses: list[int] = []
-"""Exit statuses of the sessions that this process has finished."""
 _Handler = Callable[[int, FrameType | None], None]
 _STARTED = "rvads_started"
 _HISTORY = "rvads/exercised"
@@ -87,24 +85,31 @@ def put_off(config: pytest.Config) -> None:
 
 def leave_in_time(status: int) -> None:
     """End the process with the status of its last session, even if a thread or exit handler of a driver hangs."""
-    _statuses.append(status)
-    if len(_statuses) == 1:
-        with suppress(RuntimeError):  # no thread can be started
-            threading.Thread(target=_leave, name="rvads exit", daemon=True).start()
+    waiting = next((thread for thread in threading.enumerate() if isinstance(thread, _Exit)), None)
+    if waiting:
+        waiting.status = status
+        return
+    with suppress(RuntimeError):  # no thread can be started
+        _Exit(status).start()
 
 
-def _leave() -> None:
-    threading.main_thread().join()
-    time.sleep(_PATIENCE)
-    for stream in (sys.stdout, sys.stderr):
-        with suppress(Exception):
-            stream.flush()
-    with suppress(OSError):
-        os.write(
-            2,
-            b"rvads: the session is over, but a thread, child or exit handler keeps its process, which ends now\n",
-        )
-    os._exit(_statuses[-1])
+class _Exit(threading.Thread):
+    """Ends the process a while after its main thread."""
+
+    def __init__(self, status: int) -> None:
+        super().__init__(name="rvads exit", daemon=True)
+        self.status = status
+
+    def run(self) -> None:
+        threading.main_thread().join()
+        time.sleep(_PATIENCE)
+        for stream in (sys.stdout, sys.stderr):
+            with suppress(Exception):
+                stream.flush()
+        with suppress(OSError):
+            told = b"rvads: the session is over, but a thread, child or exit handler keeps its process, which ends now\n"
+            os.write(2, told)
+        os._exit(self.status)
 
 
 def _handle(config: pytest.Config, numbers: list[int], handler: _Handler) -> None:
