@@ -1,5 +1,6 @@
 """Limits of real time: what takes too long ends its own run, wherever it hangs, and disturbs nothing else."""
 
+import os
 import pickle
 import signal
 import subprocess
@@ -251,6 +252,26 @@ def test_nothing_is_left_behind() -> None:
         time.sleep(0.05)
     else:
         pytest.fail("the thread that looks at runs outlives them")
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no process can be forked")
+def test_process_forked_in_a_run_does_not_wait_for_the_timer_of_its_parent() -> None:
+    choice = Choice(rvads.limits().simulator, USUAL._replace(dump=2))
+    statuses: list[int] = []
+
+    def forks() -> None:
+        if (child := os.fork()) == 0:
+            os._exit(7 if simulate(rvads.Case(SCENARIO, pilot()), choice).fault is None else 8)
+        for _ in range(1000):
+            done, status = os.waitpid(child, os.WNOHANG)
+            if done:
+                statuses.append(os.waitstatus_to_exitcode(status))
+                return
+            time.sleep(0.01)
+        os.kill(child, signal.SIGKILL)
+
+    simulate(rvads.Case(SCENARIO, hanging(forks, when=0.085)), choice)
+    assert statuses == [7]
 
 
 @pytest.mark.extended
