@@ -129,10 +129,11 @@ class Guard:
             self._send(f"{leader}\n")
 
     def _send(self, line: str) -> None:
-        if self._process is not None and self._process.stdin is not None:
+        stdin = self._process and self._process.stdin
+        if stdin and not stdin.closed:  # it is closed when this process ends
             with suppress(BrokenPipeError):  # the guard's process was killed; the next process gets the line
-                self._process.stdin.write(line)
-                self._process.stdin.flush()
+                stdin.write(line)
+                stdin.flush()
 
 
 def _close(guard: subprocess.Popen[str]) -> None:

@@ -61,8 +61,8 @@ class SumoProcess:
 
     @property
     def usable(self) -> bool:
-        """Whether the process of SUMO still runs and was not closed."""
-        return not self._closed and self._child.running
+        """Whether the process of SUMO still runs, was not closed, and was not started by the parent of a forked process."""
+        return not self._closed and self.owner == os.getpid() and self._child.running
 
     @property
     def pid(self) -> int:
@@ -125,8 +125,6 @@ class SumoProcess:
 
 _FREE: list[SumoProcess] = []
 """Running processes that simulate nothing now; they are used again, because starting a process takes a third of a second."""
-_PARENTS: list[SumoProcess] = []
-"""In a forked process, objects for SUMO processes of its parent; they are kept, because deleting them would end the processes."""
 
 
 def acquire(limit: float) -> SumoProcess:
@@ -144,15 +142,6 @@ def release(process: SumoProcess) -> None:
     """Make a SUMO process available to the next call of `acquire`."""
     if process.usable:
         _FREE.append(process)
-
-
-def _forked() -> None:
-    _PARENTS.extend(_FREE)
-    _FREE.clear()
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_forked)
 
 
 @atexit.register

@@ -167,3 +167,20 @@ def test_nothing_outlives_us_when_we_are_killed_and_a_guard_was_before(marked: F
         assert len(marked(tag)) == 6
         session.kill()
     assert wait_for(lambda: not marked(tag), 20.0)
+
+
+LEFT_OPEN = """
+import sys
+from pytest_rvads.drivers.stacks.process import Process
+stack = Process([sys.executable, "-I", "-S", *sys.argv[1:]], timeout=60.0, startup=60.0, grace=0.3)
+stack.autopilots(("any vehicle",))
+"""
+
+
+@pytest.mark.extended
+@linux
+def test_script_that_leaves_its_stack_open_ends_it_without_a_word(marked: Find, tag: str) -> None:
+    command = [sys.executable, "-c", LEFT_OPEN, str(CLINGING), "ignores bye", tag]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+    assert (done.stdout, done.stderr) == ("", "")
+    assert marked(tag) == []
