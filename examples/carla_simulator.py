@@ -14,6 +14,7 @@ from pytest_rvads.physics.body import Motion
 from pytest_rvads.physics.braking import FASTEST, STANDING, greatest_safe
 from pytest_rvads.runs.run import DT
 from pytest_rvads.simulators.loop import Loop
+from pytest_rvads.simulators.patience import Watch
 from pytest_rvads.support.installed import versions
 
 SAME_SIZE = 0.1
@@ -50,11 +51,11 @@ class Carla:
         self.connect, self.steering, self.place = connect, steering, place
         self.found: dict[tuple[Any, ...], float | None] = {}
 
-    def __call__(self, case: rvads.Case) -> rvads.Run:
+    def __call__(self, case: rvads.Case, watch: Watch | None = None) -> rvads.Run:
         def make(_: Sequence[rvads.Vehicle], starts: Sequence[Motion]) -> CarlaWorld:
             return CarlaWorld(self.connect(), case, starts, self.steering)
 
-        return Loop(case, self.name, make, versions("carla"), controlled=True).drive()
+        return Loop(case, self.name, make, versions("carla"), controlled=True, watch=watch).drive()
 
     def vmax(self, distance: float, aggression: int = 1, vehicle: rvads.Vehicle | None = None) -> float | None:
         """Brake fully from one speed after another, `distance` before the line, and see where the vehicle stops."""

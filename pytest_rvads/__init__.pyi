@@ -21,10 +21,9 @@ from pytest_rvads.logic.rules.rule import Rule as Rule
 from pytest_rvads.logic.judging.verdicts import Status as Status, Verdict as Verdict
 from pytest_rvads.geometry.finder import find as find
 from pytest_rvads.geometry.junction import Junction as Junction
-from pytest_rvads.simulators.patience import limits as limits
 from pytest_rvads.simulators.loop import bullet as bullet, mujoco as mujoco
 from pytest_rvads.satellites.sumo.sumo_simulator import Sumo as Sumo, sumo as sumo
-from pytest_rvads.simulators.simulator import Simulator as Simulator, simulate as simulate, vmax as vmax
+from pytest_rvads.simulators.simulator import Simulator as Simulator, limits as limits, simulate as simulate, vmax as vmax
 from pytest_rvads.scenarios.case import Case as Case, Fleet as Fleet
 from pytest_rvads.scenarios.pedestrians import Pedestrian as Pedestrian
 from pytest_rvads.scenarios.scenario import Scenario as Scenario

@@ -16,21 +16,28 @@ import pytest
 
 from pytest_rvads.drivers.naming import chosen
 from pytest_rvads.fixtures.monitoring import monitor, rule, settle
-from pytest_rvads.fixtures.running import run, rvads_cell, rvads_recorded, rvads_run, rvads_runs
-from pytest_rvads.fixtures.systems import rvads_autopilot, rvads_map, rvads_simulator, rvads_sut, rvads_vehicle
-from pytest_rvads.session import hooks
-from pytest_rvads.session.chosen_driver import code_of, offer
-from pytest_rvads.session.closing import Closing
+from pytest_rvads.fixtures.running import (
+    run,
+    rvads_autopilot,
+    rvads_cell,
+    rvads_map,
+    rvads_recorded,
+    rvads_run,
+    rvads_runs,
+    rvads_simulator,
+    rvads_sut,
+    rvads_vehicle,
+)
+from pytest_rvads.session.collection import extensions
 from pytest_rvads.session.collection.cells import register_marks
 from pytest_rvads.session.collection.expansion import expand, expand_recorded, idle, unused
 from pytest_rvads.session.collection.extensions import open_book, open_session, outliving
-from pytest_rvads.session.interrupts import BUDGET, Budget, end_with_parent, heed, limits
+from pytest_rvads.session.interrupts import BUDGET, Budget, end_with_parent, heed
 from pytest_rvads.session.items import RECORD, attach, letter, prepare, unwound
-from pytest_rvads.session.main_process import Session
-from pytest_rvads.session.options import OPTIONS, Options, all_options, declare
+from pytest_rvads.session.main_process import Closing, Session
+from pytest_rvads.session.options import LIMITS, NAMED, OPTIONS, Options, all_options, choice_of, declare, limits
 from pytest_rvads.session.outputs import FOLDER, SessionFolder, claim
-from pytest_rvads.session.plan import Planner, in_part
-from pytest_rvads.simulators.patience import Choice, choice, choosing
+from pytest_rvads.session.plan import Planner, in_part, offer
 from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.wording import encode_all, one_line
 
@@ -60,7 +67,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_addhooks(pluginmanager: pytest.PytestPluginManager) -> None:
     """Register the hooks that users can implement."""
-    pluginmanager.add_hookspecs(hooks)
+    pluginmanager.add_hookspecs(extensions)
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -85,12 +92,12 @@ def pytest_configure(config: pytest.Config) -> None:
         options = config.stash[OPTIONS] = Options.read(config)
         if options.autopilot:
             chosen(options.autopilot, config.invocation_params.dir)  # a wrong name ends the session before anything runs
-        simulator = None
+        config.stash[NAMED] = None
         if options.simulator:
             from pytest_rvads.simulators.simulator import named
 
-            simulator = named(options.simulator, config.invocation_params.dir)
-        _opened(config, choosing(Choice(simulator, _opened(config, limits(config)))))
+            config.stash[NAMED] = named(options.simulator, config.invocation_params.dir)
+        config.stash[LIMITS] = _opened(config, limits(config))
         register_marks(config)
     except RvadsError as error:
         raise pytest.UsageError(str(error)) from error
@@ -128,11 +135,12 @@ def pytest_report_header(config: pytest.Config) -> list[str]:
             driver: object = Process(options.sut)  # the process starts only when a run asks for a decision
         else:
             driver = chosen(str(options.autopilot), config.invocation_params.dir)
-        lines.append(f"rvads: driven by {options.driver}{code_of(driver, config)}")
+        lines.append(f"rvads: driven by {options.driver}{_code_of(driver, config)}")
     if not options.simulator:
         return lines
-    caveat = getattr(choice().simulator, "caveat", "")
-    lines.append(f"rvads: simulated by --rvads-simulator={options.simulator}{code_of(choice().simulator, config)}")
+    simulator = choice_of(config).simulator
+    caveat = getattr(simulator, "caveat", "")
+    lines.append(f"rvads: simulated by --rvads-simulator={options.simulator}{_code_of(simulator, config)}")
     return [*lines, f"rvads: {one_line(caveat)}"] if isinstance(caveat, str) and caveat else lines
 
 
@@ -267,6 +275,14 @@ def pytest_assertrepr_compare(op: str, left: object, right: object) -> list[str]
 def pytest_report_teststatus(report: pytest.CollectReport | pytest.TestReport) -> tuple[str, str, str] | None:
     """Return category, letter and word by which pytest shows an item with the status NA, UNSURE or NOT RUN."""
     return letter(report)
+
+
+def _code_of(factory: object, config: pytest.Config) -> str:
+    """Return file and digest (or version) of a driver or simulator, such as `` (pilots.py 3fa29c01)``, or an empty text."""
+    from pytest_rvads.drivers.identity import source
+
+    code = source(factory, config.invocation_params.dir)
+    return f" ({code})" if code else ""
 
 
 def _opened(config: pytest.Config, context: AbstractContextManager[_T]) -> _T:

@@ -70,7 +70,7 @@ def _braking(options: argparse.Namespace) -> int:
     curves = envelope(_DISTANCES, limit=limit)
     title = "v(d)max of the plant, full service brake"
     if options.autopilot is not None:
-        from pytest_rvads.simulators.closed_loop import closed_envelope
+        from pytest_rvads.simulators.driver_dynamics import closed_envelope
 
         curves = closed_envelope(options.autopilot, _DISTANCES, simulator=options.simulator, progress=progress_for(options))
         title = f"v(d)max that the autopilot {options.autopilot} reaches, red light ahead"
@@ -92,9 +92,9 @@ def _braking(options: argparse.Namespace) -> int:
 
 def _driving(options: argparse.Namespace) -> int:
     from pytest_rvads.report.svg import draw_dynamics
-    from pytest_rvads.simulators.simulator import meant, named
+    from pytest_rvads.simulators.simulator import named
 
-    simulator = named(options.simulator, Path.cwd()) if options.simulator else meant()
+    simulator = named(options.simulator, Path.cwd())
     with opened_driver(options) as driver:
         bundled = options.autopilot if options.autopilot and ":" not in options.autopilot else ""
         braking, driving, settings = apart(partial(_measured, driver, simulator, bundled))
@@ -169,9 +169,9 @@ def _table(result: dict[str, Any]) -> Sequence[str]:
 def _pedals(options: argparse.Namespace) -> int:
     from pytest_rvads.report.svg import draw_pedals
     from pytest_rvads.simulators.driver_dynamics import calibrated
-    from pytest_rvads.simulators.simulator import meant, named
+    from pytest_rvads.simulators.simulator import named
 
-    simulator = named(options.simulator, Path.cwd()) if options.simulator else meant()
+    simulator = named(options.simulator, Path.cwd())
     with opened_driver(options) as driver:
         measured = apart(partial(calibrated, driver, simulator, options.aggression))
     pedals = dict(zip(("throttle", "brake"), measured, strict=True))

@@ -155,7 +155,7 @@ def setting_of(options: argparse.Namespace, driver: Any) -> Setting:
     from pytest_rvads.satellites.starts.trials import Setting
     from pytest_rvads.simulators.simulator import named
 
-    simulator = named(options.simulator, Path.cwd()) if options.simulator else None
+    simulator = named(options.simulator, Path.cwd())
     return Setting.of(driver, named_rules(options.rules or ["road"]), options.traffic, simulator=simulator)
 
 

@@ -36,8 +36,7 @@ from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.counterexample import Counterexample
 from pytest_rvads.search.space import Space, explored
-from pytest_rvads.simulators.patience import Choice, Limits, choice, choosing
-from pytest_rvads.simulators.simulator import Simulator, meant, simulate
+from pytest_rvads.simulators.simulator import Choice, Simulator, simulate
 from pytest_rvads.support.errors import RunError, ScenarioError
 from pytest_rvads.support.executors import spread
 
@@ -105,7 +104,7 @@ class Search:
         parts = replace(self, rule=get_rule(self.rule)).parts(searches)
         if searches == 1 and not isinstance(executor, Executor):
             return self.settled([self.look(driver, fleet, simulator, name)])
-        work = partial(_run_search, driver, fleet, meant(simulator), choice().limits._replace(dump=None))
+        work = partial(_run_search, driver, fleet, Choice.of(simulator))
         with closing(spread(work, [(part, None if k else name) for k, part in enumerate(parts)], executor, batch=1)) as searched:
             return self.settled(searched)
 
@@ -174,12 +173,9 @@ def look_for(  # noqa: PLR0913 - keywords; a search has many settings
     return search.begin(autopilot, fleet or Fleet(), simulator, name, searches, executor)
 
 
-def _run_search(
-    driver: Factory, fleet: Fleet, simulator: Simulator, limits: Limits, job: tuple[Search, str | None]
-) -> SearchResult:
+def _run_search(driver: Factory, fleet: Fleet, simulator: Simulator, job: tuple[Search, str | None]) -> SearchResult:
     search, name = job
-    with choosing(Choice(simulator, limits)):
-        return search.look(driver, fleet, simulator, name)
+    return search.look(driver, fleet, simulator, name)
 
 
 def _falsify(search: Search, trial: _Trial, vehicle: Vehicle, name: str | None, *, stored: bool) -> Counterexample | None:

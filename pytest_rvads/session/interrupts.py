@@ -1,4 +1,4 @@
-"""Ends a session or a run early: by signals, the end of the main process, limits of real time, and a time budget.
+"""Ends a session early: by signals, the end of the main process, and a time budget.
 
 With a budget, the most informative items run first, and items after the deadline are NOT RUN. The wall clock decides only which
 items start. No run depends on the wall clock.
@@ -12,8 +12,8 @@ import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from functools import cache, partial
 from types import FrameType
 from typing import TYPE_CHECKING, Any
@@ -21,9 +21,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from pytest_rvads.logic.outcome import Outcome
-from pytest_rvads.session.options import OPTIONS
 from pytest_rvads.session.plan import start
-from pytest_rvads.simulators.patience import NEVER, Limits
 
 if TYPE_CHECKING:
     from pytest_rvads.report.record import Record
@@ -33,8 +31,6 @@ _POLITE = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(si
 _PR_SET_PDEATHSIG = 1
 _PATIENCE = 15.0
 """Longest time between the end of the main thread and the exit of the process [s]."""
-_statuses: list[int] = []
-"""Exit statuses of the sessions that this process has finished."""
 _Handler = Callable[[int, FrameType | None], None]
 _STARTED = "rvads_started"
 _HISTORY = "rvads/exercised"
@@ -89,24 +85,31 @@ def put_off(config: pytest.Config) -> None:
 
 def leave_in_time(status: int) -> None:
     """End the process with the status of its last session, even if a thread or exit handler of a driver hangs."""
-    _statuses.append(status)
-    if len(_statuses) == 1:
-        with suppress(RuntimeError):  # no thread can be started
-            threading.Thread(target=_leave, name="rvads exit", daemon=True).start()
+    waiting = next((thread for thread in threading.enumerate() if isinstance(thread, _Exit)), None)
+    if waiting:
+        waiting.status = status
+        return
+    with suppress(RuntimeError):  # no thread can be started
+        _Exit(status).start()
 
 
-def _leave() -> None:
-    threading.main_thread().join()
-    time.sleep(_PATIENCE)
-    for stream in (sys.stdout, sys.stderr):
-        with suppress(Exception):
-            stream.flush()
-    with suppress(OSError):
-        os.write(
-            2,
-            b"rvads: the session is over, but a thread, child or exit handler keeps its process, which ends now\n",
-        )
-    os._exit(_statuses[-1])
+class _Exit(threading.Thread):
+    """Ends the process a while after its main thread."""
+
+    def __init__(self, status: int) -> None:
+        super().__init__(name="rvads exit", daemon=True)
+        self.status = status
+
+    def run(self) -> None:
+        threading.main_thread().join()
+        time.sleep(_PATIENCE)
+        for stream in (sys.stdout, sys.stderr):
+            with suppress(Exception):
+                stream.flush()
+        with suppress(OSError):
+            told = b"rvads: the session is over, but a thread, child or exit handler keeps its process, which ends now\n"
+            os.write(2, told)
+        os._exit(self.status)
 
 
 def _handle(config: pytest.Config, numbers: list[int], handler: _Handler) -> None:
@@ -118,31 +121,6 @@ def _handle(config: pytest.Config, numbers: list[int], handler: _Handler) -> Non
 
 def _restore(number: int, handler: Any) -> None:
     signal.signal(number, handler)
-
-
-@contextmanager
-def limits(config: pytest.Config) -> Iterator[Limits]:
-    """Yield the limits of real time for runs and decisions that the session's options set.
-
-    The timer of faulthandler exists once per process. If pytest uses this timer (``faulthandler_timeout``), the limits of the
-    session end no process.
-    """
-    options = config.stash[OPTIONS]
-    try:
-        timer_in_use = float(config.getini("faulthandler_timeout") or 0) > 0
-    except ValueError:  # the faulthandler plugin of pytest is switched off
-        timer_in_use = False
-    dump: int | None = NEVER
-    if not timer_in_use:
-        try:
-            dump = os.dup(2)  # pytest redirects the descriptor 2 while items run
-        except OSError:
-            dump = None
-    try:
-        yield Limits(options.decision_limit, options.run_limit, dump)
-    finally:
-        if dump not in (None, NEVER):
-            os.close(dump)
 
 
 def end_with_parent() -> None:

@@ -7,9 +7,11 @@ into ``user_properties``, because JUnit files show all ``user_properties``.
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, cast
 
 import pytest
@@ -17,10 +19,9 @@ import pytest
 from pytest_rvads.drivers.naming import called, stand_in
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.session.artefacts import beside, look, show
-from pytest_rvads.session.chosen_driver import where_else
 from pytest_rvads.session.collection.cells import RecordedCell
 from pytest_rvads.session.interrupts import OutOfTime
-from pytest_rvads.session.options import OPTIONS
+from pytest_rvads.session.options import LIMITS, OPTIONS
 from pytest_rvads.session.plan import start
 from pytest_rvads.support.errors import RvadsError, in_own_code, located
 from pytest_rvads.support.wording import named_error, printable, quoted
@@ -31,12 +32,17 @@ if TYPE_CHECKING:
     from pytest_rvads.runs.measured import Divergence
     from pytest_rvads.runs.run import Run
     from pytest_rvads.session.collection.cells import Cell
-    from pytest_rvads.simulators.simulator import Simulator
+    from pytest_rvads.simulators.simulator import Choice
 
 RECORD: pytest.StashKey[Record] = pytest.StashKey()
 VERDICTS: pytest.StashKey[list[Verdict]] = pytest.StashKey()
 
 
+_NAME = "rvads_autopilot"
+"""Name of the fixture that returns the driver."""
+_ALIKE = 0.8
+"""Least similarity of a misspelt name to the name of the fixture, see `difflib`."""
+_ELSEWHERE: pytest.StashKey[str] = pytest.StashKey()
 _LONGEST = 20_000
 """Longest message of a record [characters]."""
 _SKIPPED = (Outcome.NA, Outcome.UNSURE)
@@ -59,7 +65,7 @@ for _exception in (NoVerdict, NotJudged, Unsure):
     _exception.__module__ = "builtins"  # as for pytest's own exceptions, so that tracebacks show no module
 
 RUN: pytest.StashKey[Run] = pytest.StashKey()
-SIMULATOR: pytest.StashKey[Simulator] = pytest.StashKey()
+SIMULATOR: pytest.StashKey[Choice] = pytest.StashKey()
 ERROR: pytest.StashKey[BaseException | None] = pytest.StashKey()
 """The exception of the driver that ended the run of an item; None if the run ended otherwise."""
 PRINTED: pytest.StashKey[list[tuple[str, str]]] = pytest.StashKey()
@@ -72,11 +78,11 @@ REPEAT: pytest.StashKey[Callable[[], Divergence | None]] = pytest.StashKey()
 """A function that simulates the run of an item once more and returns the first difference of the two runs, or None."""
 
 
-def checked_name(driver: Any) -> str:
+def checked_name(driver: Any, config: pytest.Config) -> str:
     """Return the name of a driver, read within the time limit of a decision, because reading can run code of the driver."""
-    from pytest_rvads.simulators.patience import TooLate, Watch, choice
+    from pytest_rvads.simulators.patience import TooLate, Watch
 
-    with suppress(TooLate), Watch(choice().limits) as watch:
+    with suppress(TooLate), Watch(config.stash[LIMITS]) as watch:
         watch.asked = driver
         name = called(driver)
     if watch.late:
@@ -293,3 +299,24 @@ def _explanation(item: pytest.Item, verdict: Verdict, record: Record, report: py
             page = shown
             show(item, report, image)
     return "\n".join((*lines, rerun)), page
+
+
+def where_else(session: pytest.Session) -> str:
+    """Return a sentence on a definition in the tests that was probably meant as the fixture of the driver; empty without one.
+
+    The modules of the tests and of the plugins are searched once per session.
+    """
+    stash = session.config.stash
+    if _ELSEWHERE in stash:
+        return stash[_ELSEWHERE]
+    plugins = session.config.pluginmanager.get_plugins()
+    candidates = (*(getattr(item, "module", None) for item in session.items), *plugins)
+    modules = {str(m.__file__): m for m in candidates if isinstance(m, ModuleType) and getattr(m, "__file__", None) is not None}
+    package, text = __name__.partition(".")[0], ""
+    for file, module in sorted(modules.items()):
+        if module.__name__.partition(".")[0] != package and not text:
+            for name in difflib.get_close_matches(_NAME, vars(module), 1, _ALIKE):
+                text = f"{file} defines {name!r}: is it misspelt?"
+                if name == _NAME:
+                    text = f"{file} has one that is not visible there: move it into a conftest.py of a folder that holds both"
+    return stash.setdefault(_ELSEWHERE, text)

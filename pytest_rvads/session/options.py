@@ -1,5 +1,7 @@
 """The options of the plugin, each a flag ``--rvads-*`` and an ini setting ``rvads_*``, read once into an `Options` object.
 
+The simulator that an option names, and the limits of real time, are kept for the session.
+
 A field of `Options` declares an option: its help, its default, and the function that makes the value of the field from the text
 of the flag, the ini setting or the default.
 """
@@ -11,16 +13,21 @@ import math
 import os
 import shlex
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import pytest
 
+from pytest_rvads.simulators.patience import NEVER, Limits
 from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.wording import page
+
+if TYPE_CHECKING:
+    from pytest_rvads.simulators.simulator import Choice, Simulator
 
 _Parse = Callable[[pytest.Config, str, Any], Any]
 """Returns the value of an option from the configuration of the session, the ini name of the option, and its text or texts.
@@ -369,3 +376,41 @@ def _ini_name(name: str) -> str:
 
 def _flag(name: str) -> str:
     return f"--rvads-{name.replace('_', '-')}"
+
+
+NAMED: pytest.StashKey[Simulator | None] = pytest.StashKey()
+"""The simulator that an option names; None if no option names one."""
+LIMITS: pytest.StashKey[Limits] = pytest.StashKey()
+"""The limits of real time of the session's runs."""
+
+
+@contextmanager
+def limits(config: pytest.Config) -> Iterator[Limits]:
+    """Yield the limits of real time for runs and decisions that the session's options set.
+
+    The timer of faulthandler exists once per process. If pytest uses this timer (``faulthandler_timeout``), the limits of the
+    session end no process.
+    """
+    options = config.stash[OPTIONS]
+    try:
+        timer_in_use = float(config.getini("faulthandler_timeout") or 0) > 0
+    except ValueError:  # the faulthandler plugin of pytest is switched off
+        timer_in_use = False
+    dump: int | None = NEVER
+    if not timer_in_use:
+        try:
+            dump = os.dup(2)  # pytest redirects the descriptor 2 while items run
+        except OSError:
+            dump = None
+    try:
+        yield Limits(options.decision_limit, options.run_limit, dump)
+    finally:
+        if dump not in (None, NEVER):
+            os.close(dump)
+
+
+def choice_of(config: pytest.Config) -> Choice:
+    """Return the simulator of the session with the session's limits of real time."""
+    from pytest_rvads.simulators.simulator import Choice
+
+    return Choice.of(config.stash[NAMED], config.stash[LIMITS])

@@ -3,7 +3,8 @@
 Coverage is a share of the planned cells. The plan has a record of every selected item, also of items that will not run. Under
 xdist a worker sends the plan to the main process with its first report.
 
-The collection of tests notes in the plan what it leaves out.
+The collection of tests notes in the plan what it leaves out. For users without tests, the tests that come with the plugin (folder
+``suite``) are collected: ``pytest --rvads-sut ./stack``.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 import json
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from sys import intern
 from typing import TYPE_CHECKING, Any, cast
 
@@ -22,6 +24,8 @@ if TYPE_CHECKING:
     from pytest_rvads.session.collection.cells import Cell as Parameter
     from pytest_rvads.session.collection.cells import RecordedCell
 
+_SUITE = Path(__file__).parent / "suite"
+"""Folder of the tests that come with the plugin."""
 _WIRE = "rvads_plan"
 """Attribute of a worker's first report, or key of its output, that carries the plan to the main process."""
 
@@ -214,3 +218,41 @@ class Planner:
 
 def _file(nodeid: str) -> str:
     return nodeid.partition("::")[0]
+
+
+def offer(config: pytest.Config) -> None:
+    """Collect the bundled tests if pytest was started without arguments in a folder without test files.
+
+    Ids of bundled tests among the arguments select these tests, if no file of the same name exists.
+    """
+    start = config.invocation_params.dir
+    if config.args_source is config.ArgsSource.INVOCATION_DIR:
+        patterns: list[str] = config.getini("python_files")
+        if not any(next(start.rglob(pattern), None) for pattern in patterns):
+            config.args[:] = [str(_SUITE)]
+        return
+    files = {argument.partition("::")[0] for argument in config.args}
+    if files <= {path.name for path in _SUITE.glob("*.py")} and not any((start / file).exists() for file in files):
+        # Pytest makes the ids relative to the folder of the suite only if that folder is the argument.
+        config.pluginmanager.register(_Selected(tuple(config.args)), "rvads_named")
+        config.args[:] = [str(_SUITE)]
+
+
+class _Selected:
+    """A plugin that deselects the bundled tests which the arguments of pytest do not name."""
+
+    def __init__(self, names: tuple[str, ...]) -> None:
+        self._names = names
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_collection_modifyitems(self, config: pytest.Config, items: list[pytest.Item]) -> None:
+        """Deselect the bundled test items that no argument of pytest names."""
+        named: dict[str, list[pytest.Item]] = {}
+        for name in self._names:  # the id of a test item, of its test function or of its test file
+            within = (f"{name}[", f"{name}::")
+            named[name] = [item for item in items if item.nodeid == name or item.nodeid.startswith(within)]
+        if missing := [name for name, matches in named.items() if not matches]:
+            raise pytest.UsageError(f"not found: {missing[0]}, among the tests that come with the plugin")
+        selected = {item for matches in named.values() for item in matches}
+        config.hook.pytest_deselected(items=[item for item in items if item not in selected])
+        items[:] = [item for item in items if item in selected]

@@ -26,18 +26,21 @@ import numpy as np
 from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.drivers.naming import name_of
 from pytest_rvads.drivers.reference import by_zones
+from pytest_rvads.drivers.walking import STRIDE, Approaching, Sight, behaviour
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.segment import SPEED_LIMIT
+from pytest_rvads.logic.conduct.bodies import Box, gap, strikes, touch
 from pytest_rvads.logic.conduct.lane import room
 from pytest_rvads.physics import braking, engines
 from pytest_rvads.physics.body import Body, World, WorldMaker, start
 from pytest_rvads.physics.engines import BULLET, MUJOCO, Engine
+from pytest_rvads.runs.itineraries import Itinerary, itinerary
 from pytest_rvads.runs.run import DT, LATE, RAISED, Collision, Facts, Fault, Halt, Run
-from pytest_rvads.runs.states import GONE, STEADY, Agent, Colour, Vehicle, VehicleState, Zone, usual_body
+from pytest_rvads.runs.states import GONE, STEADY, Agent, Colour, Kind, Vehicle, VehicleState, Zone, usual_body
 from pytest_rvads.scenarios.case import Case
-from pytest_rvads.simulators.patience import TooLate, watch
+from pytest_rvads.scenarios.pedestrians import Setting
+from pytest_rvads.simulators.patience import TooLate, Watch
 from pytest_rvads.simulators.seat import Seat, crew
-from pytest_rvads.simulators.walkers import Walker
 from pytest_rvads.support.errors import ScenarioError
 from pytest_rvads.support.installed import versions
 
@@ -56,6 +59,7 @@ class Loop:
         elsewhere: columns of vehicles that the world drives itself; no driver is asked for their controls.
         controlled: whether the world has its own vehicle dynamics. A step of such a world takes throttle, brake and steering of
             every vehicle instead of forces; the controls of a vehicle that has left are 0.
+        watch: enforces the limits of real time; with None there are no limits.
 
     Raises:
         MapError: the positions of the lanes of the junction are unknown.
@@ -71,11 +75,12 @@ class Loop:
         elsewhere: Collection[int] = (),
         *,
         controlled: bool = False,
+        watch: Watch | None = None,
     ) -> None:
         scenario = case.scenario
         self.case, self.scenario, self.junction = case, scenario, scenario.place
         self._name, self._versions, self._elsewhere = name, versions, frozenset(elsewhere)
-        self._controlled = controlled
+        self._controlled, self._watch = controlled, watch or Watch()
         self.collisions: list[Collision] = []
         self.fault: Fault | None = None
         self.end = "duration"
@@ -88,10 +93,10 @@ class Loop:
         self._bodies: list[Body] = []
         starts = []
         rows = zip(self._agents, scenario.itineraries(), self._vehicles, case.starts(), strict=True)
-        for agent, itinerary, vehicle, (distance, speed) in rows:
-            station = itinerary.start(distance)
-            self._bodies.append(Body(agent, itinerary, station, vehicle, scenario.aggression))
-            starts.append(start(itinerary, station, speed, vehicle))
+        for agent, way, vehicle, (distance, speed) in rows:
+            station = way.start(distance)
+            self._bodies.append(Body(agent, way, station, vehicle, scenario.aggression))
+            starts.append(start(way, station, speed, vehicle))
         ways = [body.itinerary for body in self._bodies]
         self._walkers = [Walker(self.junction, setting, ways) for setting in scenario.walkers(case.fleet.of)]
         if not by_zones(self.junction):
@@ -124,14 +129,14 @@ class Loop:
             self._sample()
             order = [self._agents[column] for column in self._active]
             key = f"{self.junction.name} {scenario.placed} {scenario.configuration}"
-            seats = crew(order, case.driver, case.traffic, scenario.under_test, scenario.senses, key, self.junction)
+            seats = crew(order, case.driver, case.traffic, scenario.under_test, scenario.senses, key, self.junction, self._watch)
             self._seats = dict(zip(self._active, seats, strict=True))
             while self._step < last and not self._over():
                 self._advance(self._decide())
                 self._sample()
             self._over()
         except TooLate:
-            if not (late := watch().late):
+            if not (late := self._watch.late):
                 raise  # the limit of an outer run, within which this run is simulated
             self._halted(Halt(self._agents[0].name, f"{self._name} simulating {scenario.name}: {late}", end=LATE))
         except Halt as halt:
@@ -264,6 +269,73 @@ _STEADY = round(STEADY / DT)
 """Number of steps between two updates of the lights."""
 
 
+class Walker:
+    """A pedestrian, or a parked vehicle, in a run with vehicles on their itineraries."""
+
+    state: VehicleState
+
+    def __init__(self, junction: Junction, setting: Setting, itineraries: Sequence[Itinerary]) -> None:
+        agent = setting.agent
+        self.agent, self.itinerary = agent, itinerary(junction, *agent.way.key)
+        self._station, self._delay, self._behind = setting.station, setting.delay, setting.behind
+        self._pace = None if math.isinf(setting.delay) else behaviour(setting.behaviour).pace()
+        self._speed = setting.speed
+        stretches = junction.stretches or {}
+        shared = [(column, stretches.get(((way.entrance, way.exit), agent.way.key))) for column, way in enumerate(itineraries)]
+        self._crossed = [(column, both.mine) for column, both in shared if both]
+        """Columns of the vehicles that drive over the way of the pedestrian, and the stretches on which they do."""
+        self.state = self._state(0.0)
+
+    def sample(self) -> VehicleState:
+        """Return the next state in the run, one step after the last sample."""
+        if self._station != self.state.station or self._speed != self.state.speed or self.state.acceleration:
+            self.state = self._state((self._speed - self.state.speed) / DT)
+        return self.state
+
+    def walk(self, time: float, lights: Sequence[Colour], vehicles: Sequence[VehicleState]) -> None:
+        """Take the next step, from what the pedestrian sees at `time` [s]."""
+        if self._pace is None or self.state.zone is GONE or time < self._delay:
+            return
+        coming = (
+            Approaching(stretch.start - state.station, state.speed)
+            for column, stretch in self._crossed
+            if (state := vehicles[column]).zone is not GONE and state.station - state.length < stretch.end
+        )
+        light = lights[self.agent.entrance]
+        # Who walks behind others stops behind them when the first of the group is at the kerb.
+        station = self._station if self._station > 0.0 else min(self._station + self._behind, 0.0)
+        wanted = self._pace(Sight(time - self._delay, station, self.agent.way.length, light, coming))
+        if wanted < 0.0 and self._station + wanted * abs(wanted) / (2.0 * STRIDE) <= -self.itinerary.origin:
+            wanted = 0.0  # back at the end of the sidewalk
+        before, most = self._speed, STRIDE * DT
+        self._speed = before + min(max(wanted - before, -most), most)
+        self._station += (before + self._speed) / 2.0 * DT
+
+    def touches(self, vehicle: VehicleState) -> bool:
+        """Return whether the body overlaps the body of a vehicle."""
+        me = self.state
+        if me.zone is GONE or vehicle.zone is GONE:
+            return False
+        far = me.length + vehicle.length + vehicle.width
+        if abs(me.x - vehicle.x) > far or abs(me.y - vehicle.y) > far:
+            return False
+        # Where a gap is between the rectangles around both bodies, as in most steps, no exact test is needed.
+        if gap(*(Box(s.x, s.y, s.heading, s.length, s.width) for s in (vehicle, me))) > 0.0:
+            return False
+        bodies = [(np.array([[s.x, s.y, s.heading]]), (s.length, s.width)) for s in (vehicle, me)]
+        return bool((strikes(bodies) if me.kind is Kind.PEDESTRIAN else touch(bodies))[0])
+
+    def _state(self, acceleration: float) -> VehicleState:
+        agent, station = self.agent, self._station
+        length, width = agent.size or (0.0, 0.0)
+        x, y, heading = self.itinerary.pose(station)
+        zone = self.itinerary.zone(station)
+        moves = self._speed, acceleration
+        return VehicleState(
+            agent.name, agent.entrance, agent.turn, zone, station, x, y, heading, *moves, length, width, agent.kind
+        )
+
+
 class Recorder:
     """Collects the states and controls of a run, one column per agent."""
 
@@ -331,9 +403,9 @@ class Planar:
         self.name = engine.name
         self.libraries = (engine.library,)
 
-    def __call__(self, case: Case) -> Run:
+    def __call__(self, case: Case, watch: Watch | None = None) -> Run:
         """Return the run of a case, see `pytest_rvads.simulators.simulator.simulate`."""
-        return Loop(case, self.name, self.engine.world, versions(self.engine.library)).drive()
+        return Loop(case, self.name, self.engine.world, versions(self.engine.library), watch=watch).drive()
 
     def vmax(self, distance: float, aggression: int = 1, vehicle: Vehicle | None = None) -> float | None:
         """Return the greatest safe speed `distance` metres before the stopping line, see `pytest_rvads.physics.braking.vmax`."""

@@ -1,38 +1,35 @@
-"""The default simulator and the limits of real time that a pytest session chooses, and how the limits end drivers and runs.
-
-This module imports no simulator, because every session of pytest makes this choice, even a session without simulations.
+"""The limits of real time of a run, and how they end drivers and runs.
 
 The states of a run depend on simulated time alone. Limits of real time end the run of a driver that never answers, so that later
-tests can run. A thread checks the current runs and raises `TooLate` in the thread of a run that exceeds a limit: in the main
-thread by a signal, which also ends a blocking call, in other threads by the interpreter. A driver that catches all exceptions, or
-that hangs in C, does not stop. The process of such a driver ends and writes the call stacks of its threads if it is a worker
-process, without which its parent process goes on, or if `Limits.dump` is set.
+tests can run. A thread checks the run and raises `TooLate` in the thread of a run that exceeds a limit: in the main thread by a
+signal, which also ends a blocking call, in other threads by the interpreter. A driver that catches all exceptions, or that hangs
+in C, does not stop. The process of such a driver ends and writes the call stacks of its threads if it is a worker process,
+without which its parent process goes on, or if `Limits.dump` is set.
 
 The signal is SIGURG, which is ignored by default. No timer is used, so alarms stay free for drivers and plugins, and no system
-call of a run within its limits is interrupted. Only to end the process, the timer of faulthandler is used.
+call of a run within its limits is interrupted. Only to end the process, the timer of faulthandler is used, which a process has
+once: every watch sets it anew at each of its checks.
+
+This module imports no simulator, because every session of pytest sets limits, even a session without simulations.
 """
 
 from __future__ import annotations
 
 import faulthandler
-import math
 import os
 import signal
 import sys
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from contextvars import ContextVar, Token
+from contextlib import suppress
 from itertools import takewhile
-from numbers import Real
 from types import FrameType, TracebackType
 from typing import Any, NamedTuple
 
-from pytest_rvads.support.errors import ScenarioError, place
+from pytest_rvads.support.errors import place
 
 _TICK = 0.5
-"""Longest time between two checks of the current runs [s]."""
+"""Longest time between two checks of a run [s]."""
 _GRACE = 3.0
 """Time after a limit for a driver to stop, and to release processes and connections [s]."""
 _SIGNAL = getattr(signal, "SIGURG", None)
@@ -62,25 +59,43 @@ class TooLate(BaseException):
     """Raised in the thread of a run when a time limit is over; only the code that opened the `Watch` must catch it."""
 
 
-class Watch:
-    """A context that watches the time limits of one run, in the thread of the run; watches can be nested."""
+USUAL, UNLIMITED = Limits(), Limits(decision=0.0, run=0.0)
 
-    def __init__(self, limits: Limits) -> None:
+
+class Watch:
+    """A context that watches the time limits of one run, in the thread of the run; watches can be nested.
+
+    Outside of its context, a watch notes what is asked and enforces nothing.
+    """
+
+    def __init__(self, limits: Limits = UNLIMITED) -> None:
         from multiprocessing.process import parent_process  # most sessions of pytest need it not
 
-        if parent_process() is not None and limits.dump != NEVER:
-            limits = limits._replace(dump=_STANDARD_ERROR)  # a descriptor of the parent process may mean another file here
-        self.limits = limits._replace(dump=None) if limits.dump == NEVER else limits
+        self.thread, self._process = threading.get_ident(), os.getpid()
+        self.signalled = _SIGNAL is not None and self.thread == threading.main_thread().ident
+        outer = getattr(signal.getsignal(_SIGNAL), "__self__", None) if _SIGNAL is not None and self.signalled else None
+        dump = limits.dump
+        if parent_process() is not None and dump != NEVER:
+            dump = _STANDARD_ERROR  # a descriptor of the parent process may mean another file here
+        if dump == NEVER or (isinstance(outer, Watch) and outer._process != self._process):
+            # A process forked during a run lacks the thread of the timer, which holds the lock of the timer.
+            dump = None
+        self.limits = limits._replace(dump=dump)
         self.asked: object = None
         """A new object for every call into a driver; None between calls."""
         self.late = ""
         """The exceeded limit in words; it stays set even if a driver catches `TooLate`."""
-        self.thread, self._process = threading.get_ident(), os.getpid()
-        self.signalled = _SIGNAL is not None and self.thread == threading.main_thread().ident
+        self._before: Any = None
+        """What handles the signal outside of the context; for a nested watch, the outer watch."""
         self._latest: object = None
-        self._since = self._began = 0.0
+        self._since = self._began = self._fresh = self._clock = 0.0
+        """Times of the last call, of the begin and of the last check without an exceeded limit, and the present time, by the
+        running time of the process in this context, without the time for which it was stopped [s]."""
         self._over: object = None
         """The value of `asked` when the limit of a decision was exceeded; the watch itself for the limit of the run."""
+        self._lock, self._open = threading.Lock(), threading.Lock()
+        """The first is held by who checks or closes the watch; the second as long as the watch is open."""
+        self._closed = False
 
     @property
     def overdue(self) -> bool:
@@ -88,26 +103,34 @@ class Watch:
         return self._over is self or (self._over is not None and self._over is self.asked)
 
     def __enter__(self) -> Watch:
-        self._token: Token[Watch] = _CURRENT.set(self)
         if self.signalled:
-            self._before = signal.signal(_SIGNAL, _interrupt)  # type: ignore[arg-type]
+            self._before = signal.signal(_SIGNAL, self._interrupt)  # type: ignore[arg-type]
+        self._open.acquire()
         if self.limits.decision or self.limits.run:
-            self._since = self._began = _WATCHDOG.clock
-            _WATCHDOG.add(self)
+            self._set_timer()
+            with suppress(RuntimeError):  # if no thread can be started, no limit is enforced
+                threading.Thread(target=self._patrol, name="rvads limits", daemon=True).start()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.end_in_child(error)
         try:
-            _WATCHDOG.remove(self)
+            self._close()
             if self.late and not self.signalled:
-                for _ in range(100):  # a TooLate that the watchdog has requested is raised in this loop at the latest
+                for _ in range(100):  # a TooLate that was requested is raised in this loop at the latest
                     pass
         except TooLate:
-            _WATCHDOG.remove(self)
+            self._close()
         if self.signalled:
             signal.signal(_SIGNAL, self._before or signal.SIG_DFL)  # type: ignore[arg-type]
-        _CURRENT.reset(self._token)
+
+    def _close(self) -> None:
+        with self._lock:
+            if not self._closed:
+                self._closed = True
+                self._open.release()
+                if self.limits.dump is not None:
+                    faulthandler.cancel_dump_traceback_later()
 
     def end_in_child(self, error: BaseException | None) -> None:
         """End the process if a driver forked it and the child returned from the driver's code, perhaps by `error`."""
@@ -118,7 +141,7 @@ class Watch:
     def look(self, now: float) -> bool:
         """Return whether the run advanced since the last call, within its limits; an exceeded limit is noted in `late`.
 
-        `now` is the time by `_Watchdog.clock` [s].
+        `now` is the running time of the process in this context [s].
         """
         asked = self.asked
         got_on = asked is None or asked is not self._latest
@@ -145,146 +168,41 @@ class Watch:
             self.late = f"{late}, it was at {place(lines) if lines else 'an unknown place'}"
         return got_on and not self.late
 
-
-class _Watchdog:
-    """Checks the time limits of all watches in a separate thread, which ends when the last watch closes."""
-
-    def __init__(self, *, last_resort: bool = True) -> None:
-        self._last_resort = last_resort
-        self.clock = 0.0
-        """Running time of the process without the time for which it was stopped [s]."""
-        self.watches: list[Watch] = []
-        self._lock = threading.Lock()
-        self._runs = False
-
-    def add(self, watch: Watch) -> None:
-        with self._lock:
-            self.watches.append(watch)
-            self._put_off(watch.limits)
-            if not self._runs:
-                with suppress(RuntimeError):  # if no thread can be started, no limit is enforced
-                    threading.Thread(target=self._patrol, name="rvads limits", daemon=True).start()
-                    self._runs = True
-
-    def remove(self, watch: Watch) -> None:
-        with self._lock, suppress(ValueError):
-            self.watches.remove(watch)
-            if watch.limits.dump is not None and not self.watches and self._last_resort:
-                faulthandler.cancel_dump_traceback_later()
-
-    def late(self, thread: int) -> bool:
-        """Return whether a run in a thread has exceeded a time limit."""
-        return any(watch.overdue for watch in self.watches if watch.thread == thread)
-
     def _patrol(self) -> None:
+        """Check the limits in a thread of its own until the watch closes."""
+        tick = min(_TICK, *(limit / 4 for limit in self.limits[:2] if limit))
         last = time.monotonic()
-        while True:
-            with self._lock:
-                if not self.watches:
-                    self._runs = False
-                    return
-                tick = min(_TICK, *(limit / 4 for watch in self.watches for limit in watch.limits[:2] if limit))
-            time.sleep(tick)
+        while not self._open.acquire(timeout=tick):
             now = time.monotonic()
-            self.clock += min(now - last, 2 * tick)
+            self._clock += min(now - last, 2 * tick)
             last = now
             with self._lock:
-                for watch in self.watches:
-                    if watch.look(self.clock):
-                        self._put_off(watch.limits)
-                    elif watch.overdue and watch.signalled:
-                        signal.pthread_kill(watch.thread, _SIGNAL)  # type: ignore[arg-type]
-                    elif watch.overdue:
-                        # The request is never cancelled: after a cancellation, Python 3.11 would keep searching every thread for
-                        # the exception, and a traced thread would never end.
-                        import ctypes
+                if self._closed:
+                    return
+                if self.look(self._clock):
+                    self._fresh = self._clock
+                elif self.overdue and self.signalled:
+                    signal.pthread_kill(self.thread, _SIGNAL)  # type: ignore[arg-type]
+                elif self.overdue:
+                    # The request is never cancelled: after a cancellation, Python 3.11 would keep searching every thread for
+                    # the exception, and a traced thread would never end.
+                    import ctypes
 
-                        thread, late = ctypes.c_ulong(watch.thread), ctypes.py_object(TooLate)
-                        ctypes.pythonapi.PyThreadState_SetAsyncExc(thread, late)
+                    ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(self.thread), ctypes.py_object(TooLate))
+                self._set_timer()
 
-    def _put_off(self, limits: Limits) -> None:
-        """Set, or set anew, the timer that ends the process when a time limit and `_GRACE` are over."""
-        if limits.dump is not None and self._last_resort:
-            seconds = (limits.decision or limits.run) + _GRACE
+    def _set_timer(self) -> None:
+        """Set the timer that ends the process when a time limit and `_GRACE` are over."""
+        if self.limits.dump is not None:
+            seconds = self._fresh + (self.limits.decision or self.limits.run) + _GRACE - self._clock
             with suppress(RuntimeError, OSError):  # no thread can be started, or standard error is gone
-                faulthandler.dump_traceback_later(seconds, file=limits.dump, exit=True)
+                faulthandler.dump_traceback_later(max(seconds, 0.001), file=self.limits.dump, exit=True)
 
-
-_WATCHDOG = _Watchdog()
-_CURRENT: ContextVar[Watch] = ContextVar("rvads_watch")
-
-
-def _forked() -> None:
-    """Make a new watchdog in a child process, which has only the thread that forked."""
-    global _WATCHDOG
-    # If a timer ran, a thread that the child lacks holds the lock of the timer.
-    _WATCHDOG = _Watchdog(last_resort=not _WATCHDOG.watches)
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_forked)
-
-
-def watch() -> Watch:
-    """Return the timer with the limits of the run that this thread simulates; without a run, a timer without limits."""
-    return _CURRENT.get(None) or Watch(Limits(decision=0.0, run=0.0))
-
-
-def _interrupt(_number: int, frame: FrameType | None) -> None:
-    """Raise `TooLate` in the main thread, except while this thread opens or closes a watch."""
-    if frame is not None and frame.f_code.co_filename != __file__ and _WATCHDOG.late(threading.get_ident()):
-        raise TooLate
-
-
-class Choice(NamedTuple):
-    """The default simulator and the limits of real time."""
-
-    simulator: Any = None
-    """A `Simulator`; None for the usual simulator, which is imported when it is used."""
-    limits: Limits = Limits()
-
-
-_CHOICES: list[list[Choice]] = [[Choice()]]
-"""One entry per open session. Each entry is a separate list, so that a session that ends can find and remove its own entry."""
-
-_LOCK = threading.Lock()
-"""Held while `_CHOICES` changes, because several threads can change it."""
-
-
-def choice() -> Choice:
-    """Return the default simulator and the time limits that the session chose."""
-    return _CHOICES[-1][0]
-
-
-@contextmanager
-def choosing(new: Choice) -> Iterator[None]:
-    """Make a default simulator and time limits hold within the context."""
-    opened = [new]
-    with _LOCK:
-        _CHOICES.append(opened)
-    try:
-        yield
-    finally:
-        with _LOCK:
-            _CHOICES[:] = [entry for entry in _CHOICES if entry is not opened]
-
-
-@contextmanager
-def limits(decision: float = Limits().decision, run: float = Limits().run) -> Iterator[None]:
-    """Set the limits of real time for all simulations within the context, in any thread.
-
-    A run that exceeds a limit ends by a fault that names the driver and its current line.
-
-    Args:
-        decision: longest call into a driver [s]; 0 sets no limit.
-        run: longest run [s]; 0 sets no limit.
-
-    Raises:
-        ScenarioError: a limit is negative, infinite or no number.
-    """
-    for name, limit in (("decision", decision), ("run", run)):
-        if not (isinstance(limit, Real) and 0 <= limit < math.inf):
-            raise ScenarioError(f"limits({name}=) takes a number of seconds, 0 for no limit, got {limit!r:.60}")
-    current = choice()
-    with choosing(current._replace(limits=current.limits._replace(decision=float(decision), run=float(run)))):
-        yield
+    def _interrupt(self, number: int, frame: FrameType | None) -> None:
+        """Raise `TooLate` in the main thread, except while this thread opens or closes a watch."""
+        if frame is not None and frame.f_code.co_filename == __file__:
+            return
+        if self.overdue and os.getpid() == self._process:
+            raise TooLate
+        if callable(self._before):
+            self._before(number, frame)

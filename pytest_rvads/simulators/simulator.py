@@ -1,11 +1,13 @@
 """Simulators make runs of cases. All simulators share a protocol and are found by name.
 
 Callers use `simulate` for runs and `vmax` for the greatest safe speeds; both check that the simulator's answer fits the question.
+A session or a command makes a `Choice`, a simulator with the limits of real time of its runs, and passes it on.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from importlib.util import find_spec
 from numbers import Real
 from pathlib import Path
@@ -20,7 +22,7 @@ from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.states import Vehicle, Zone
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators.loop import usual
-from pytest_rvads.simulators.patience import TooLate, Watch, choice
+from pytest_rvads.simulators.patience import NEVER, USUAL, Limits, TooLate, Watch
 from pytest_rvads.support.errors import RunError, ScenarioError, needs, require, suggest
 from pytest_rvads.support.installed import entries
 
@@ -28,7 +30,9 @@ from pytest_rvads.support.installed import entries
 class Simulator(Protocol):
     """A callable that returns the run of a case, with a name and a braking envelope.
 
-    A call returns the run of a case. The same case gives the same run, bit for bit, in any process and order.
+    A call gets a case, and the `Watch` that enforces the limits of real time, and returns the run of the case. A simulator passes
+    the watch on to its `Loop`, to its seats, or to the simulator that it asks. The same case gives the same run, bit for bit, in
+    any process and order.
 
     The run ends when every vehicle has left, at the scenario's duration, when two vehicles collide, or when a vehicle leaves its
     route. The run ends with a `Run.fault` when an autopilot raises an exception or answers with no command, when a limit of real
@@ -36,17 +40,17 @@ class Simulator(Protocol):
     ``timing()`` of an autopilot are stored under ``timing`` in `Run.provenance`.
 
     A simulator can have further attributes. ``caveat`` is a sentence on the limits of its results, printed in the header of a
-    session. The tests of ``pytest_rvads.satellites.conformance`` read ``drivers``, the drivers of the simulator, and ``unsupported``, the
-    checks that the simulator can't pass, each with a reason. ``libraries`` names the packages that the simulator imports when it
-    simulates and that an extra with the name of the simulator installs.
+    session. The conformance tests read ``drivers``, the drivers of the simulator, and ``unsupported``, the checks that the
+    simulator can't pass, each with a reason. ``libraries`` names the packages that the simulator imports when it simulates, and
+    that an extra with the name of the simulator installs.
     """
 
     @property
     def name(self) -> str:
         """The simulator's name in reports and options."""
 
-    def __call__(self, case: Case, /) -> Run:
-        """Return the run of `case`.
+    def __call__(self, case: Case, watch: Watch | None = None, /) -> Run:
+        """Return the run of `case`; with None as `watch` there are no limits of real time.
 
         Raises:
             MapError: the positions of the lanes of the junction are unknown.
@@ -64,14 +68,9 @@ def simulators() -> dict[str, str]:
 
 
 def named(name: str | None, folder: Path | None = None) -> Simulator:
-    """Return the simulator that has a name, or that ``module:name`` denotes.
+    """Return the simulator that has a name, or that ``module:name`` denotes, looked for in `folder` first.
 
-    Args:
-        name: name or ``module:name``; None for the usual simulator.
-        folder: folder that is searched for modules first.
-
-    Raises:
-        ScenarioError: no simulator has this name, the named object is no simulator, or a library of the simulator is missing.
+    None is the name of the usual simulator. A library of the simulator that is missing is a ScenarioError, too.
     """
     if name is None:
         return usual()
@@ -92,15 +91,7 @@ def named(name: str | None, folder: Path | None = None) -> Simulator:
 
 
 def usable(simulator: Any, label: str = "") -> Simulator:
-    """Return `simulator` after a check that it is a simulator.
-
-    Args:
-        simulator: value of an option, a fixture or an argument.
-        label: name of the value in the message; by default its representation.
-
-    Raises:
-        ScenarioError: the value is no simulator.
-    """
+    """Return the value of an option, a fixture or an argument if it is a simulator; `label` names the value in the message."""
     if isinstance(simulator, type):
         objection = "is a class"
     elif missing := next((a for a in ("__call__", "vmax") if not callable(getattr(simulator, a, None))), ""):
@@ -116,14 +107,57 @@ def usable(simulator: Any, label: str = "") -> Simulator:
     )
 
 
-def meant(simulator: Simulator | None = None) -> Simulator:
-    """Return `simulator`; for None, the simulator of the pytest session, or the usual simulator outside of a session.
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """A simulator with the limits of real time of its runs, which is a simulator, too."""
+
+    simulator: Simulator
+    limits: Limits = USUAL
+
+    @classmethod
+    def of(cls, simulator: Simulator | None = None, limits: Limits = USUAL) -> Choice:
+        """Return a simulator, by default the usual one, with limits; a choice keeps its own limits."""
+        if not isinstance(simulator, Choice):
+            return cls(usual() if simulator is None else usable(simulator), limits)
+        own = simulator.limits
+        return cls(simulator.simulator, own if limits.dump is None else own._replace(dump=limits.dump))
+
+    @property
+    def name(self) -> str:
+        """The simulator's name in reports and options."""
+        return self.simulator.name
+
+    def __call__(self, case: Case, watch: Watch | None = None, /) -> Run:
+        """Return the run of a case within the limits of `watch`; `simulate` makes a watch with the limits of the choice."""
+        return self.simulator(case, watch)
+
+    def vmax(self, distance: float, aggression: int = 1, vehicle: Vehicle | None = None) -> float | None:
+        """Return the simulator's greatest safe speed, see `Simulator.vmax`."""
+        return self.simulator.vmax(distance, aggression, vehicle)
+
+    def __reduce__(self) -> tuple[Any, ...]:  # in another process, the descriptor of `dump` means another file
+        dump = NEVER if self.limits.dump == NEVER else None
+        return Choice, (self.simulator, self.limits._replace(dump=dump))
+
+
+def limits(decision: float = USUAL.decision, run: float = USUAL.run, simulator: Simulator | None = None) -> Choice:
+    """Return a simulator with limits of real time, for every argument `simulator=` and for the fixture `rvads_simulator`.
+
+    A run that exceeds a limit ends by a fault that names the driver and its current line.
+
+    Args:
+        decision: longest call into a driver [s]; 0 sets no limit.
+        run: longest run [s]; 0 sets no limit.
+        simulator: the simulator; by default the usual simulator.
 
     Raises:
-        ScenarioError: `simulator` is no simulator.
+        ScenarioError: a limit is negative, infinite or no number, or `simulator` is no simulator.
     """
-    chosen = choice().simulator if simulator is None else usable(simulator)
-    return usual() if chosen is None else chosen
+    for name, limit in (("decision", decision), ("run", run)):
+        if not (isinstance(limit, Real) and 0 <= limit < math.inf):
+            raise ScenarioError(f"limits({name}=) takes a number of seconds, 0 for no limit, got {limit!r:.60}")
+    chosen = Choice.of(simulator)
+    return Choice(chosen.simulator, chosen.limits._replace(decision=float(decision), run=float(run)))
 
 
 def simulate(case: Case, simulator: Simulator | None = None) -> Run:
@@ -131,7 +165,8 @@ def simulate(case: Case, simulator: Simulator | None = None) -> Run:
 
     Args:
         case: scenario, drivers and vehicles.
-        simulator: the simulator; by default the simulator of ``--rvads-simulator``, outside of sessions the usual simulator.
+        simulator: the simulator, in a session the value of the fixture ``rvads_simulator``, with the limits of the session; by
+            default the usual simulator. A simulator without limits of its own has the usual limits of real time, see `limits`.
 
     Raises:
         MapError: the positions of the lanes of the junction are unknown.
@@ -140,24 +175,25 @@ def simulate(case: Case, simulator: Simulator | None = None) -> Run:
         RunError: the simulator returned no run of this case, an impossible run, or a run that ends without a reason; or the
             simulator exceeded a time limit outside of all drivers.
     """
-    run = answered(case, simulator)
+    choice = Choice.of(simulator)
+    run = answered(case, choice)
     objection = next((str(finding) for finding in impossible(run)), "") or _flaw_of_end(run, case)
     if objection:
-        raise RunError(f"the simulator {meant(simulator).name!r} gives a run that can't be, {run.label}: {objection}")
+        raise RunError(f"the simulator {choice.name!r} gives a run that can't be, {run.label}: {objection}")
     return run
 
 
-def answered(case: Case, simulator: Simulator | None = None) -> Run:
+def answered(case: Case, choice: Choice) -> Run:
     """Return the answer of a simulator to a case, after a check that the answer is a run of this case.
 
     Arguments and errors are those of `simulate`. An impossible run, or a run that ends without a reason, raises no error.
     """
     require(case, Case, "simulate takes a case: write simulate(rvads.Case(scenario, driver))", ScenarioError)
-    maker = meant(simulator)
+    maker = choice.simulator
     # Error settings of numpy that a driver changes hold for its own run only.
-    with np.errstate(), Watch(choice().limits) as watch:
+    with np.errstate(), Watch(choice.limits) as watch:
         try:
-            run = maker(case)
+            run = maker(case, watch)
         except TooLate as late:
             if not watch.late:
                 raise  # the limit of an outer run, within which this run is simulated
@@ -203,7 +239,7 @@ def vmax(
         distance: reference point to stopping line [m].
         aggression: braking level 1, 2 or 3, which selects the service brake.
         vehicle: the vehicle; a passenger car by default.
-        simulator: the simulator; by default the simulator of ``--rvads-simulator``, outside of sessions the usual simulator.
+        simulator: the simulator; by default the usual simulator.
         limit: speed limit of the road [m/s], such as `Junction.top_limit`.
 
     Returns:
@@ -215,7 +251,7 @@ def vmax(
     """
     require(distance, Real, "vmax takes a distance to the stopping line in metres", ScenarioError)
     require(vehicle, Vehicle | None, "vehicle= takes a rvads.Vehicle", ScenarioError)
-    maker = meant(simulator)
+    maker = Choice.of(simulator)
     speed: Any = maker.vmax(distance, aggression, vehicle)
     if speed is None:
         return None

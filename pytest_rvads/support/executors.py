@@ -17,6 +17,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence, S
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
+from functools import lru_cache
 from itertools import count, islice
 from operator import call
 from queue import SimpleQueue
@@ -25,10 +26,10 @@ from typing import Any, NamedTuple, TypeAlias, TypeVar
 from pytest_rvads.support.errors import RvadsError, located
 from pytest_rvads.support.wording import one_line
 
-AHEAD = 4
-"""Parts (groups of jobs) per worker that are submitted before the oldest part is done; more would wait for a slow job."""
 _Job = TypeVar("_Job")
 _Result = TypeVar("_Result")
+AHEAD = 4
+"""Parts (groups of jobs) per worker that are submitted before the oldest part is done; more would wait for a slow job."""
 _UNKNOWN = 512
 """Number of parts that are submitted and not done at the same time, if an executor does not state its number of workers."""
 DIED = "died, perhaps for lack of memory, or because its driver hung or ended it"
@@ -59,26 +60,23 @@ class Part(NamedTuple):
 
 
 class Own:
-    """Processes that the package starts. They end when the calling process ends, even if it is killed, and ignore Ctrl-C."""
+    """Workers that are processes of this computer; they ignore Ctrl-C, and end when this process ends, even if it is killed."""
 
     def __init__(self, work: Callable[[Any], Any], processes: int) -> None:
         self.ahead = AHEAD * processes
         self._work, self._processes = _packed(work), processes
         self._foreign_children = set(multiprocessing.active_children())
-        self._pool = self._hire(processes)
-
-    def _hire(self, processes: int) -> ProcessPoolExecutor:
-        return ProcessPoolExecutor(processes, initializer=_enter, initargs=(self._work,))
+        self._pool = _hired(processes)
 
     def submit(self, part: Part) -> Future[list[Any]]:
         """Submit a part; if a process died, new processes are started first."""
         jobs = _packed(part.jobs)
         try:
-            return self._pool.submit(_do, jobs)
+            return self._pool.submit(_unpacked_answers, self._work, jobs)
         except BrokenProcessPool:
             self._pool.shutdown()
-            self._pool = self._hire(self._processes)
-            return self._pool.submit(_do, jobs)
+            self._pool = _hired(self._processes)
+            return self._pool.submit(_unpacked_answers, self._work, jobs)
 
     def submits_again(self, part: Part, error: BaseException) -> bool:
         """Return whether a part lost by `error` is submitted again; if not, each of its jobs is done alone in a process.
@@ -90,10 +88,10 @@ class Own:
         return part.losses < min(self._processes, 2)
 
     def alone(self, job: Any) -> Any:
-        """Return the answer to a job that may kill its process."""
-        jobs, pool = _packed((job,)), self._hire(1)
+        """Return the answer to a job that may kill its process; the job has a separate process."""
+        pool = _hired(1)
         try:
-            return pool.submit(_do, jobs).result()[0]
+            return pool.submit(_unpacked_answers, self._work, _packed((job,))).result()[0]
         except BrokenProcessPool:
             return _dead()
         except KeyboardInterrupt:
@@ -165,17 +163,16 @@ Team: TypeAlias = Own | Foreign
 """Either kind of workers; the attribute `ahead` of both is the largest number of parts that are submitted and not done."""
 
 
-_doer: list[Callable[[Any], Any]] = []
-"""The function that does the jobs, in a worker process."""
+def _hired(processes: int) -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(processes, initializer=_enter)
 
 
-def _enter(work: bytes) -> None:
+def _enter() -> None:
     for name in ("SIGINT", "SIGHUP"):  # the terminal interrupts all processes; the parent decides when workers end
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)  # the parent ends a worker by this signal
     threading.Thread(target=_watch, daemon=True).start()
-    _doer[:] = [pickle.loads(work)]
 
 
 def _watch() -> None:
@@ -186,8 +183,19 @@ def _watch() -> None:
         os._exit(1)
 
 
-def _do(packed: bytes) -> list[Any]:
-    return _answers(_doer[0], pickle.loads(packed))
+def _unpacked_answers(work: bytes, jobs: bytes) -> list[Any]:
+    try:
+        function, unpacked = _unpacked(work), pickle.loads(jobs)
+    except SystemExit as error:  # a module of a user that is imported here
+        raise RvadsError(located(error)) from None
+    return _answers(function, unpacked)
+
+
+@lru_cache(maxsize=1)
+def _unpacked(work: bytes) -> Callable[[Any], Any]:
+    """Return the function that does the jobs, which is equal for all jobs of a worker."""
+    function: Callable[[Any], Any] = pickle.loads(work)
+    return function
 
 
 def _answers(work: Callable[[Any], Any], jobs: Sequence[Any], _number: int = 0) -> list[Any]:

@@ -72,7 +72,7 @@ class Swallows(rvads.Reference):
 class Simulator:
     name = "exits"
 
-    def __call__(self, case):
+    def __call__(self, case, watch=None):
         sys.exit(0)
 
     def vmax(self, distance, aggression=1, vehicle=None):
@@ -80,6 +80,7 @@ class Simulator:
 
 
 simulator = Simulator()
+hasty = rvads.limits(0.3)
 """
 
 
@@ -156,8 +157,8 @@ def test_simulator_that_exits_is_an_error(capsys: pytest.CaptureFixture[str]) ->
 
 
 def test_driver_that_hangs_and_catches_everything_ends_its_process() -> None:
-    code = "import sys, pytest_rvads as rvads; from pytest_rvads.cli import main\nwith rvads.limits(0.3): sys.exit(main())"
-    words = [sys.executable, "-c", code, *COMMANDS["start"], "--autopilot", "ending:Swallows"]
+    code = "import sys; from pytest_rvads.cli import main; sys.exit(main())"
+    words = [sys.executable, "-c", code, *COMMANDS["start"], "--autopilot", "ending:Swallows", "--simulator", "ending:hasty"]
     done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 2
     assert "in control" in done.stderr, "the stacks of the process"

@@ -22,7 +22,7 @@ from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.classes import classes
 from pytest_rvads.scenarios.configurations import PAPER, configuration
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.closed_loop import closed_vmax
+from pytest_rvads.simulators.driver_dynamics import closed_vmax
 from pytest_rvads.simulators.simulator import simulate
 from pytest_rvads.support.errors import AutopilotError
 from tools.crossings import opendrive

@@ -10,7 +10,7 @@ from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.physics.braking import greatest_safe, vmax
 from pytest_rvads.satellites.lgsvl import LgsvlLike
-from pytest_rvads.simulators.closed_loop import closed_vmax
+from pytest_rvads.simulators.driver_dynamics import closed_vmax
 from pytest_rvads.support.errors import RunError, ScenarioError
 
 

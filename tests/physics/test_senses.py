@@ -16,7 +16,7 @@ from pytest_rvads.runs.states import VehicleState, Zone
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.scenarios.senses import Senses
-from pytest_rvads.simulators.perception import Perception, hidden
+from pytest_rvads.simulators.seat import Perception, hidden
 from pytest_rvads.simulators.simulator import simulate
 from pytest_rvads.support.errors import ScenarioError
 

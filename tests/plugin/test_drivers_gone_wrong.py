@@ -74,12 +74,10 @@ def test_unstoppable_driver_costs_its_worker_and_its_item(pytester: pytest.Pytes
 
 def test_pytests_own_timer_is_left_alone(pytester: pytest.Pytester) -> None:
     pytester.makepyfile("""
-        import faulthandler
-        import pytest_rvads as rvads
-        from pytest_rvads.simulators.patience import NEVER, choice
+        from pytest_rvads.simulators.patience import NEVER
 
-        def test_it():
-            assert choice().limits == (15.0, 7.0, NEVER)
+        def test_it(rvads_simulator):
+            assert rvads_simulator.limits == (15.0, 7.0, NEVER)
     """)
     result = pytester.runpytest("-o", "faulthandler_timeout=100", "--rvads-run-limit=7", "-p", "no:cacheprovider")
     result.assert_outcomes(passed=1)
@@ -211,7 +209,7 @@ def test_failed_run_is_simulated_once_for_all_rules(pytester: pytest.Pytester) -
             name = "breaks"
             asked = 0
 
-            def __call__(self, case):
+            def __call__(self, case, watch=None):
                 Breaks.asked += 1
                 if "as1111" in case.scenario.name:
                     raise OSError("no licence")
@@ -398,7 +396,7 @@ def test_exception_without_a_text_is_named_by_its_type(pytester: pytest.Pytester
             def __init__(self, error):
                 self.error = error
 
-            def __call__(self, case):
+            def __call__(self, case, watch=None):
                 raise self.error
 
             def vmax(self, distance, aggression=1, vehicle=None):

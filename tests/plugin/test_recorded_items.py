@@ -16,7 +16,7 @@ from pytest_rvads.logic import check as checking
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.runs import readers
 from pytest_rvads.runs.recording import Recording, Track
-from pytest_rvads.session.collection.recordings import OpenFiles, Recordings
+from pytest_rvads.session.collection.marks import OpenFiles, Recordings
 from tests.inner_sessions import records_of
 
 from .conftest import Lines

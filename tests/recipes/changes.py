@@ -124,9 +124,9 @@ class Echo:
 
     name = "echo"
 
-    def __call__(self, case: Case) -> Run:
+    def __call__(self, case: Case, watch: Watch | None = None) -> Run:
         """Return the run of a case."""
-        return Loop(case, self.name, usual().engine.world, versions()).drive()
+        return Loop(case, self.name, usual().engine.world, versions(), watch=watch).drive()
 
     def vmax(self, distance: float, aggression: int = 1, vehicle: Vehicle | None = None) -> float | None:
         """Return the greatest safe speed before the stopping line [m/s]."""

@@ -18,6 +18,7 @@ from pytest_rvads.runs.run import DT
 from pytest_rvads.satellites.conformance.bench import Bench
 from pytest_rvads.satellites.conformance.test_conformance import CHECKS, faults
 from pytest_rvads.simulators.loop import Loop, usual
+from pytest_rvads.simulators.patience import Watch
 from pytest_rvads.simulators.simulator import named, simulators
 from pytest_rvads.support.installed import versions
 
@@ -55,8 +56,8 @@ class Points:
 class Mine:
     name = "mine"
 
-    def __call__(self, case: rvads.Case) -> rvads.Run:
-        return Loop(case, self.name, Points, versions(), controlled=True).drive()
+    def __call__(self, case: rvads.Case, watch: Watch | None = None) -> rvads.Run:
+        return Loop(case, self.name, Points, versions(), controlled=True, watch=watch).drive()
 
     def vmax(self, distance: float, aggression: int = 1, vehicle: rvads.Vehicle | None = None) -> float | None:
         return min(distance, 11.0)

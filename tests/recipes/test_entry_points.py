@@ -28,7 +28,7 @@ from pytest_rvads.satellites.tracks.logformats import Format
 class Mine:
     name = "mine"
     libraries = ("no_such_library",)
-    def __call__(self, case):
+    def __call__(self, case, watch=None):
         raise AssertionError("no case is simulated")
     def vmax(self, distance, aggression=1, vehicle=None):
         return None

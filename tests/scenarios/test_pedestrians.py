@@ -32,7 +32,7 @@ from pytest_rvads.scenarios.pedestrians import (
 )
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.scenarios.selection import Selection
-from pytest_rvads.simulators.walkers import Walker
+from pytest_rvads.simulators.loop import Walker
 from pytest_rvads.support.errors import ScenarioError
 from tests.zebras import zebra
 

@@ -16,6 +16,7 @@ from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.search.counterexample import pasteable
 from pytest_rvads.search.falsify import broken, look_for
 from pytest_rvads.simulators.loop import usual
+from pytest_rvads.simulators.patience import Watch
 
 from ..drivers.blind import BlindLeft
 
@@ -220,7 +221,7 @@ def test_error_of_a_simulator_is_printed_once_with_its_type_and_notes(pytester: 
             name = "remote"
             vmax = usual().vmax
 
-            def __call__(self, case):
+            def __call__(self, case, watch=None):
                 error = Lost("here", 80)
                 error.add_note("start it again")
                 raise error
@@ -261,9 +262,9 @@ def test_search_starts_no_vehicle_above_its_safe_speed() -> None:
         def vmax(self, distance: float, aggression: int = 1, vehicle: rvads.Vehicle | None = None) -> float:
             return 1.0 if vehicle == bus else 10.0
 
-        def __call__(self, case: rvads.Case) -> rvads.Run:
+        def __call__(self, case: rvads.Case, watch: Watch | None = None) -> rvads.Run:
             scenarios.append(case.scenario)
-            return usual()(case)
+            return usual()(case, watch)
 
     with pytest.raises(rvads.errors.ScenarioError, match="with a crossing"):  # no vehicle enters within a second
         look_for("stop4", rvads.Reference, "speed_limit", fleet=rvads.Fleet(bus), simulator=Watched(), budget=8, duration=1.0)

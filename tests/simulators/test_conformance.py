@@ -16,6 +16,7 @@ from pytest_rvads.runs.states import SignalPlan
 from pytest_rvads.satellites.conformance.bench import Bench, NotTried
 from pytest_rvads.satellites.conformance.test_conformance import CHECKS, faults, unsupported
 from pytest_rvads.simulators.loop import usual
+from pytest_rvads.simulators.patience import Watch
 from pytest_rvads.simulators.simulator import named
 
 SHIPPED = {"bullet": "pybullet", "mujoco": "mujoco", "sumo": "sumo"}
@@ -51,9 +52,9 @@ class Wrapped:
     def __init__(self, after: Callable[..., Any] | None = None, before: Callable[[rvads.Case], rvads.Case] | None = None) -> None:
         self.after, self.before, self.runs = after, before, 0
 
-    def __call__(self, case: rvads.Case) -> rvads.Run:
+    def __call__(self, case: rvads.Case, watch: Watch | None = None) -> rvads.Run:
         self.runs += 1
-        run = USUAL(self.before(case) if self.before else case)
+        run = USUAL(self.before(case) if self.before else case, watch)
         run = replace(
             run, label=case.scenario.name, agents=case.agents(), provenance=dict(run.provenance) | {"simulator": self.name}
         )
@@ -212,8 +213,8 @@ def showing(change: Callable[[rvads.Observation], rvads.Observation]) -> Callabl
 
 
 class Counting(Wrapped):
-    def __call__(self, case: rvads.Case) -> rvads.Run:
-        run = super().__call__(case)
+    def __call__(self, case: rvads.Case, watch: Watch | None = None) -> rvads.Run:
+        run = super().__call__(case, watch)
         return replace(run, station=run.station + self.runs * 1e-9)
 
 
@@ -224,8 +225,8 @@ class Remembering(Wrapped):
         super().__init__()
         self.places: set[str] = set()
 
-    def __call__(self, case: rvads.Case) -> rvads.Run:
-        run = super().__call__(case)
+    def __call__(self, case: rvads.Case, watch: Watch | None = None) -> rvads.Run:
+        run = super().__call__(case, watch)
         self.places.add(case.scenario.place.name)
         return replace(run, station=run.station + 1e-9) if len(self.places) > 2 else run
 
@@ -259,9 +260,9 @@ class Unbounded(Wrapped):
 
 
 class Careless(Wrapped):
-    def __call__(self, case: rvads.Case) -> rvads.Run:
+    def __call__(self, case: rvads.Case, watch: Watch | None = None) -> rvads.Run:
         try:
-            return super().__call__(case)
+            return super().__call__(case, watch)
         except rvads.errors.ScenarioError as error:
             raise ValueError(str(error)) from error
 
@@ -269,8 +270,8 @@ class Careless(Wrapped):
 class Escaping(Wrapped):
     """What a driver raises gets out."""
 
-    def __call__(self, case: rvads.Case) -> rvads.Run:
-        run = super().__call__(case)
+    def __call__(self, case: rvads.Case, watch: Watch | None = None) -> rvads.Run:
+        run = super().__call__(case, watch)
         if run.fault is not None:
             raise RuntimeError("it raised")
         return run
@@ -279,9 +280,8 @@ class Escaping(Wrapped):
 class Unaware(Wrapped):
     """The limits of real time hold for no driver, because it asks them where nobody watches."""
 
-    def __call__(self, case: rvads.Case) -> rvads.Run:
-        with rvads.limits(0.0, 0.0):
-            return rvads.simulate(case, Inner())
+    def __call__(self, case: rvads.Case, watch: Watch | None = None) -> rvads.Run:
+        return rvads.simulate(case, rvads.limits(0.0, 0.0, Inner()))
 
 
 class Inner(Wrapped):
@@ -291,8 +291,8 @@ class Inner(Wrapped):
 class Sticky(Wrapped):
     """Who is gone is not gone: the run ends where the first one is."""
 
-    def __call__(self, case: rvads.Case) -> rvads.Run:
-        run = super().__call__(case)
+    def __call__(self, case: rvads.Case, watch: Watch | None = None) -> rvads.Run:
+        run = super().__call__(case, watch)
         gone = (run.zone == rvads.Zone.GONE).any(axis=1)
         if not gone.any():
             return run
@@ -302,8 +302,8 @@ class Sticky(Wrapped):
 class Forgiving(Wrapped):
     """Vehicles that leave their route are no reason to say so."""
 
-    def __call__(self, case: rvads.Case) -> rvads.Run:
-        run = super().__call__(case)
+    def __call__(self, case: rvads.Case, watch: Watch | None = None) -> rvads.Run:
+        run = super().__call__(case, watch)
         return replace(run, facts=replace(run.facts, strayed=()))
 
 
@@ -535,13 +535,12 @@ def test_every_check_finds_a_fault() -> None:
 OWN = """
 import os
 from dataclasses import replace
-from pytest_rvads.simulators.patience import choice
 from pytest_rvads.simulators.loop import usual
 
 class Mine:
     name = "mine"
-    def __call__(self, case):
-        run = usual()(case)
+    def __call__(self, case, watch=None):
+        run = usual()(case, watch)
         return replace(run, station=run.station + JITTER)
     def vmax(self, distance, aggression=1, vehicle=None):
         return usual().vmax(distance, aggression, vehicle)
@@ -556,7 +555,7 @@ mine = Mine()
     ("jitter", "where", "message"),
     [
         ("0.0", "own_simulator:mine", "^$"),
-        ("sum(choice().limits[:2]) * 1e-9", "own_simulator:mine", "^$"),  # whose runs may take as long there as here
+        ("sum(watch.limits[:2]) * 1e-9", "own_simulator:mine", "^$"),  # whose runs may take as long there as here
         ("os.getpid() * 1e-9", "own_simulator:mine", r"its hash is \w{12}, in another process \w{12}: depend on the case"),
         ("0.0", None, r"can't be sent to another process, TypeError\('it holds a connection'\): name it by --rvads-simulator"),
         ("0.0", "own_simulator:yours", r"another process ended with status 1 and without its runs, .*'own_simulator:yours'"),
@@ -625,8 +624,8 @@ from pytest_rvads.simulators.loop import usual
 class Dark:
     name = "dark"
     unsupported = {"lights": "its lights can't be set", "bodies": "bodies are those of its blueprints"}
-    def __call__(self, case):
-        run = usual()(case)
+    def __call__(self, case, watch=None):
+        run = usual()(case, watch)
         lights = np.repeat(run.lights[:1], run.steps, axis=0)
         return replace(run, lights=lights, provenance={**run.provenance, "simulator": self.name})
     def vmax(self, distance, aggression=1, vehicle=None):

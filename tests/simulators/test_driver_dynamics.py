@@ -9,9 +9,8 @@ import pytest_rvads as rvads
 from pytest_rvads.runs.run import Run
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.closed_loop import RED, stopped
-from pytest_rvads.simulators.driver_dynamics import LENGTH, LIMIT, PUBLISHED, Measured, settings
-from pytest_rvads.simulators.simulator import meant
+from pytest_rvads.simulators.driver_dynamics import LENGTH, LIMIT, PUBLISHED, RED, Measured, settings, stopped
+from pytest_rvads.simulators.loop import usual
 
 HELD = 6.0
 """[m/s]."""
@@ -96,7 +95,7 @@ def before_red(speed: float, distance: float) -> Run:
 
 
 def test_braking_distance_of_the_reference_stops_before_a_red_light_and_less_does_not() -> None:
-    measured = Measured(rvads.Reference, meant())
+    measured = Measured(rvads.Reference, usual())
     distances = [measured.braking(speed) for speed in (2.0, 8.0)]
     assert 0.0 < distances[0] < distances[1] < math.inf
     assert distances[1] > 8.0**2 / (2 * 9.81), "no tyre brakes at more than 1 g on a dry road"
@@ -105,7 +104,7 @@ def test_braking_distance_of_the_reference_stops_before_a_red_light_and_less_doe
 
 
 def test_driver_that_holds_its_speed_never_stops_and_needs_the_time_of_a_constant_speed() -> None:
-    measured = Measured(Holding, meant())
+    measured = Measured(Holding, usual())
     assert measured.braking(HELD) == math.inf
     for distance in (5.0, 60.0):
         after, time = measured.driving(HELD, distance)
@@ -114,5 +113,5 @@ def test_driver_that_holds_its_speed_never_stops_and_needs_the_time_of_a_constan
 
 
 def test_distance_beyond_the_end_of_a_drive_takes_for_ever() -> None:
-    after, time = Measured(Holding, meant()).driving(HELD, 10_000.0)
+    after, time = Measured(Holding, usual()).driving(HELD, 10_000.0)
     assert (after, time) == (pytest.approx(HELD, abs=0.01), math.inf)

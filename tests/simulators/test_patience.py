@@ -1,5 +1,7 @@
 """Limits of real time: what takes too long ends its own run, wherever it hangs, and disturbs nothing else."""
 
+import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -13,8 +15,8 @@ import pytest
 
 import pytest_rvads as rvads
 from pytest_rvads.simulators import patience
-from pytest_rvads.simulators.patience import choice
-from pytest_rvads.simulators.simulator import simulate
+from pytest_rvads.simulators.patience import USUAL, Watch
+from pytest_rvads.simulators.simulator import Choice, simulate
 
 SCENARIO = rvads.Scenario(rvads.find("stop4"), "1231", distance=20, duration=0.1)
 FILE = __file__.rpartition("/")[2]
@@ -41,8 +43,7 @@ def hanging(wait: Callable[[], Any], when: float = 0.03) -> Any:
 
 
 def run(driver: Any, decision: float = 0.2, longest: float = 0.0, scenario: rvads.Scenario = SCENARIO) -> rvads.Run:
-    with rvads.limits(decision, longest):
-        return simulate(rvads.Case(scenario, driver))
+    return simulate(rvads.Case(scenario, driver), rvads.limits(decision, longest))
 
 
 def loops() -> None:
@@ -140,41 +141,41 @@ def test_slow_decision_within_the_limit_changes_no_run() -> None:
     assert run(hanging(lambda: time.sleep(0.1)), 2.0).hash == run(pilot(), 0.0).hash
 
 
-def test_limits_hold_in_their_context() -> None:
-    before = choice().limits
-    with rvads.limits(decision=60.0):
-        assert choice().limits[:2] == (60.0, 300.0)
-    assert choice().limits == before
+def test_limits_belong_to_a_simulator() -> None:
+    quick = rvads.limits(decision=60.0, simulator=rvads.mujoco)
+    assert quick == Choice(rvads.mujoco, USUAL._replace(decision=60.0))
+    assert Choice.of(quick, USUAL._replace(run=1.0)) == quick, "a session's limits are for simulators without limits"
+    assert Choice.of(rvads.mujoco) == Choice(rvads.mujoco, USUAL)
+    assert rvads.limits(run=0.0, simulator=Choice(rvads.mujoco, USUAL._replace(dump=7))).limits == (15.0, 0.0, 7)
     for wrong in (-1.0, float("nan"), float("inf"), "1"):
-        with (
-            pytest.raises(rvads.errors.ScenarioError, match="takes a number of seconds, 0 for no limit"),
-            rvads.limits(decision=wrong),  # type: ignore[arg-type]
-        ):
-            pass
+        with pytest.raises(rvads.errors.ScenarioError, match="takes a number of seconds, 0 for no limit"):
+            rvads.limits(decision=wrong)  # type: ignore[arg-type]
+
+
+def test_file_descriptor_of_a_choice_stays_in_its_process() -> None:
+    for dump, there in ((7, None), (None, None), (patience.NEVER, patience.NEVER)):
+        sent = pickle.loads(pickle.dumps(Choice(rvads.limits().simulator, USUAL._replace(dump=dump))))
+        assert sent.limits == USUAL._replace(dump=there)
 
 
 def test_hanging_simulator_is_an_error() -> None:
     class Stuck:
         name = "stuck"
 
-        def __call__(self, case: rvads.Case) -> rvads.Run:
+        def __call__(self, case: rvads.Case, watch: Watch | None = None) -> rvads.Run:
             time.sleep(600)
             raise AssertionError
 
         def vmax(self, distance: float, aggression: int = 1, vehicle: Any = None) -> float | None:
             return None
 
-    with (
-        rvads.limits(run=0.3),
-        pytest.raises(rvads.errors.RunError, match=r"'stuck' at stop4-.*: the run took longer than 0.3 s"),
-    ):
-        simulate(rvads.Case(SCENARIO, pilot()), Stuck())
+    with pytest.raises(rvads.errors.RunError, match=r"'stuck' at stop4-.*: the run took longer than 0.3 s"):
+        simulate(rvads.Case(SCENARIO, pilot()), rvads.limits(run=0.3, simulator=Stuck()))
 
 
 def test_simulating_driver_is_interrupted_by_its_own_limit() -> None:
     def dreams() -> None:
-        with rvads.limits(0.0, 0.0):
-            simulate(rvads.Case(SCENARIO, hanging(sleeps)))
+        simulate(rvads.Case(SCENARIO, hanging(sleeps)), rvads.limits(0.0, 0.0))
 
     found = run(hanging(dreams))
     assert found.fault is not None
@@ -245,13 +246,32 @@ def test_nothing_is_left_behind() -> None:
     before = signal.getsignal(signal.SIGURG)
     run(hanging(sleeps))
     assert signal.getsignal(signal.SIGURG) is before
-    assert patience.watch().limits == (0, 0, None)
     for _ in range(100):
         if not any(thread.name == "rvads limits" for thread in threading.enumerate()):
             break
         time.sleep(0.05)
     else:
         pytest.fail("the thread that looks at runs outlives them")
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no process can be forked")
+def test_process_forked_in_a_run_does_not_wait_for_the_timer_of_its_parent() -> None:
+    choice = Choice(rvads.limits().simulator, USUAL._replace(dump=2))
+    statuses: list[int] = []
+
+    def forks() -> None:
+        if (child := os.fork()) == 0:
+            os._exit(7 if simulate(rvads.Case(SCENARIO, pilot()), choice).fault is None else 8)
+        for _ in range(1000):
+            done, status = os.waitpid(child, os.WNOHANG)
+            if done:
+                statuses.append(os.waitstatus_to_exitcode(status))
+                return
+            time.sleep(0.01)
+        os.kill(child, signal.SIGKILL)
+
+    simulate(rvads.Case(SCENARIO, hanging(forks, when=0.085)), choice)
+    assert statuses == [7]
 
 
 @pytest.mark.extended
@@ -267,8 +287,8 @@ class Loops:
             pass
 
 def run():
-    with rvads.limits(decision=0.3):
-        assert rvads.simulate(rvads.Case(rvads.Scenario(rvads.find("stop4"), "1231", duration=0.1), Loops)).fault
+    case = rvads.Case(rvads.Scenario(rvads.find("stop4"), "1231", duration=0.1), Loops)
+    assert rvads.simulate(case, rvads.limits(decision=0.3)).fault
 
 thread = threading.Thread(target=run)
 thread.start()

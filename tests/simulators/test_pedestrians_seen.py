@@ -10,7 +10,7 @@ from pytest_rvads.drivers.interface import Command, Observation
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.states import Kind, VehicleState, Zone
-from pytest_rvads.simulators.perception import hidden
+from pytest_rvads.simulators.seat import hidden
 from tests.zebras import zebra
 
 ZEBRA = zebra()

@@ -18,10 +18,10 @@ from pytest_rvads.cli import main
 from pytest_rvads.runs.run import Collision
 from pytest_rvads.satellites.relations.relations import RELATIONS
 from pytest_rvads.search.falsify import look_for
-from pytest_rvads.simulators.closed_loop import closed_vmax
+from pytest_rvads.simulators.driver_dynamics import closed_vmax
 from pytest_rvads.simulators.loop import usual
-from pytest_rvads.simulators.patience import Choice, choice, choosing
-from pytest_rvads.simulators.simulator import meant, named
+from pytest_rvads.simulators.patience import Watch
+from pytest_rvads.simulators.simulator import Choice, named
 from pytest_rvads.support.errors import ScenarioError
 from studies import killing, power, prediction
 from studies.mutants import MUTANTS
@@ -34,11 +34,11 @@ OWN = """
         name = "counting"
         runs = 0
 
-        def __call__(self, case):
+        def __call__(self, case, watch=None):
             type(self).runs += 1
             with Path("runs").open("a") as runs:  # another process simulates
                 runs.write("x")
-            return usual()(case)
+            return usual()(case, watch)
 
         def vmax(self, distance, aggression=1, vehicle=None):
             return 1.0
@@ -55,9 +55,9 @@ class Counting:
     def __init__(self) -> None:
         self.cases: list[rvads.Case] = []
 
-    def __call__(self, case: rvads.Case) -> rvads.Run:
+    def __call__(self, case: rvads.Case, watch: Watch | None = None) -> rvads.Run:
         self.cases.append(case)
-        return usual()(case)
+        return usual()(case, watch)
 
     def vmax(self, distance: float, aggression: int = 1, vehicle: rvads.Vehicle | None = None) -> float | None:
         return usual().vmax(distance, aggression, vehicle)
@@ -238,7 +238,7 @@ def test_simulator_option_selects_simulator_and_vmax(pytester: pytest.Pytester) 
             monitor.check(rule)
 
         def test_it_counted(rvads_simulator):
-            assert (rvads_simulator.name, rvads_simulator.runs) == ("counting", 1), "5 m/s is beyond its envelope"
+            assert (rvads_simulator.name, rvads_simulator.simulator.runs) == ("counting", 1), "5 m/s is beyond its envelope"
     """)
     options = ("--rvads-autopilot=reference", "-p", "no:cacheprovider")
     result = pytester.runpytest(*options, "--rvads-simulator=own:counting")
@@ -274,7 +274,7 @@ def test_probe_line_uses_the_vmax_of_the_simulator_of_the_run(pytester: pytest.P
 
 
 def test_a_simulator_that_returns_no_run_is_an_error_of_the_item(pytester: pytest.Pytester) -> None:
-    pytester.makepyfile(own=OWN.replace("return usual()(case)", "return None"))
+    pytester.makepyfile(own=OWN.replace("return usual()(case, watch)", "return None"))
     pytester.makepyfile("""
         import pytest_rvads as rvads
 
@@ -302,7 +302,7 @@ def test_a_simulator_that_returns_no_run_is_an_error_of_the_item(pytester: pytes
 )
 def test_run_of_another_case_is_refused(answer: Any, wrong: str) -> None:
     class Wrong(Counting):
-        def __call__(self, case: rvads.Case) -> rvads.Run:
+        def __call__(self, case: rvads.Case, watch: Watch | None = None) -> rvads.Run:
             found: rvads.Run = answer(case)
             return found
 
@@ -358,8 +358,8 @@ IMPOSSIBLE: dict[str, tuple[Callable[[rvads.Run], rvads.Run], str]] = {
 @pytest.mark.parametrize(("change", "wrong"), IMPOSSIBLE.values(), ids=IMPOSSIBLE)
 def test_a_run_that_cannot_be_is_refused(change: Callable[[rvads.Run], rvads.Run], wrong: str) -> None:
     class Wrong(Counting):
-        def __call__(self, case: rvads.Case) -> rvads.Run:
-            return change(usual()(case))
+        def __call__(self, case: rvads.Case, watch: Watch | None = None) -> rvads.Run:
+            return change(usual()(case, watch))
 
     with pytest.raises(rvads.errors.RunError, match=rf"^the simulator 'counting' gives a run that can't be, stop4-.*: {wrong}"):
         rvads.simulate(case("stop4", "2200"), Wrong())
@@ -367,14 +367,16 @@ def test_a_run_that_cannot_be_is_refused(change: Callable[[rvads.Run], rvads.Run
 
 def test_a_cut_run_with_a_reason_is_judged() -> None:
     class Failing(Counting):
-        def __call__(self, case: rvads.Case) -> rvads.Run:
-            return replace(part(usual()(case), slice(301)), fault=rvads.values.Fault(3.0, "a0", "the plant failed"))
+        def __call__(self, case: rvads.Case, watch: Watch | None = None) -> rvads.Run:
+            return replace(part(usual()(case, watch), slice(301)), fault=rvads.values.Fault(3.0, "a0", "the plant failed"))
 
     assert rvads.simulate(case("stop4", "2200"), Failing()).duration == 3.0
 
 
 def test_a_run_that_is_cut_without_a_reason_is_an_error_of_its_items(pytester: pytest.Pytester) -> None:
-    pytester.makepyfile(own=OWN.replace("return usual()(case)", "return replace(usual()(case.but(duration=3.0)), label=LABEL)"))
+    pytester.makepyfile(
+        own=OWN.replace("return usual()(case, watch)", "return replace(usual()(case.but(duration=3.0)), label=LABEL)")
+    )
     own = pytester.path / "own.py"
     label = "stop4-class01-as1111-cfgC"
     own.write_text(f"from dataclasses import replace\nLABEL = {label!r}\n{own.read_text(encoding='utf-8')}", encoding="utf-8")
@@ -391,7 +393,7 @@ def test_a_run_that_is_cut_without_a_reason_is_an_error_of_its_items(pytester: p
 
 
 @pytest.mark.extended
-def test_default_simulator_is_that_of_the_session(pytester: pytest.Pytester) -> None:
+def test_simulator_of_the_session_is_the_value_of_its_fixture(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(own=OWN)
     pytester.makepyfile("""
         import pytest
@@ -399,39 +401,35 @@ def test_default_simulator_is_that_of_the_session(pytester: pytest.Pytester) -> 
         from hypothesis import find
         from own import counting
         from pytest_rvads.search.falsify import look_for
-        from pytest_rvads.simulators.closed_loop import closed_vmax
+        from pytest_rvads.simulators.driver_dynamics import closed_vmax
 
         CASE = rvads.Case(rvads.Scenario(rvads.find("stop4"), "2000", distance=1.0, duration=8.0), rvads.Reference)
 
         @pytest.mark.parametrize("ask", [
-            lambda: rvads.simulate(CASE),
-            lambda: rvads.equivalent(CASE, "full_stop"),
-            lambda: rvads.rational(CASE, "full_stop", farther=(1.0,)),
-            lambda: rvads.determinate(CASE, "full_stop", at=0.5),
-            lambda: look_for("stop4", rvads.Reference, "full_stop", budget=1),
-            lambda: closed_vmax(0.3, rvads.Reference),
+            lambda own: rvads.simulate(CASE, own),
+            lambda own: rvads.equivalent(CASE, "full_stop", simulator=own),
+            lambda own: rvads.rational(CASE, "full_stop", farther=(1.0,), simulator=own),
+            lambda own: rvads.determinate(CASE, "full_stop", at=0.5, simulator=own),
+            lambda own: look_for("stop4", rvads.Reference, "full_stop", budget=1, simulator=own),
+            lambda own: closed_vmax(0.3, rvads.Reference, simulator=own),
         ])
-        def test_it(ask):
+        def test_it(ask, rvads_simulator):
             before = counting.runs
-            ask()
+            ask(rvads_simulator)
             assert counting.runs > before
 
-        def test_its_vehicles_brake_as_it_says():
-            assert rvads.vmax(20.0) == 1.0
-            assert max(find(rvads.strategies.scenarios(), lambda scenario: any(scenario.speeds)).speeds) <= 1.0
+        def test_its_vehicles_brake_as_it_says(rvads_simulator):
+            assert rvads.vmax(20.0, simulator=rvads_simulator) == 1.0
+            starts = rvads.strategies.scenarios(simulator=rvads_simulator)
+            assert max(find(starts, lambda scenario: any(scenario.speeds)).speeds) <= 1.0
+
+        def test_who_names_no_simulator_gets_the_usual_one():
+            before = counting.runs
+            assert rvads.simulate(CASE).provenance["simulator"] != "counting"
+            assert counting.runs == before
     """)
-    pytester.runpytest("--rvads-simulator=own:counting", "-p", "no:cacheprovider").assert_outcomes(passed=7)
-    assert meant() is usual(), "and outside of sessions it is the one that ships"
-
-
-def test_a_session_that_ends_takes_back_its_own_choice() -> None:
-    before, one, other = choice(), choosing(Choice("one")), choosing(Choice("other"))
-    one.__enter__()
-    other.__enter__()
-    one.__exit__(None, None, None)
-    assert choice().simulator == "other", "whichever began first"
-    other.__exit__(None, None, None)
-    assert choice() == before
+    pytester.runpytest("--rvads-simulator=own:counting", "-p", "no:cacheprovider").assert_outcomes(passed=8)
+    assert Choice.of().simulator is usual()
 
 
 def test_a_test_has_the_simulator_of_its_own_file_in_any_scope_and_every_result_says_which(pytester: pytest.Pytester) -> None:

@@ -10,7 +10,7 @@ from pytest_rvads import cli
 from pytest_rvads.cli import dynamics_command as driving
 from pytest_rvads.cli.common import progress
 from pytest_rvads.report.svg import draw_braking
-from pytest_rvads.simulators.closed_loop import closed_envelope
+from pytest_rvads.simulators.driver_dynamics import closed_envelope
 from pytest_rvads.support.errors import ScenarioError
 
 SVG = "{http://www.w3.org/2000/svg}"

@@ -20,6 +20,7 @@ from pytest_rvads.runs.run import Run
 from pytest_rvads.satellites.lgsvl.scheduler import frame
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators.loop import Planar
+from pytest_rvads.simulators.patience import Watch
 from pytest_rvads.support.errors import MapError, ScenarioError
 from studies import prediction
 from studies.requests import Graph, answer, site_lengths
@@ -202,7 +203,7 @@ def test_the_command_answers_line_by_line(monkeypatch: pytest.MonkeyPatch, capsy
 
 def test_request_is_simulated_by_the_named_simulator() -> None:
     class Unwilling(Planar):
-        def __call__(self, case: Case) -> Run:
+        def __call__(self, case: Case, watch: Watch | None = None) -> Run:
             raise ScenarioError("not today")
 
     assert json.loads(answer(json.dumps(request()), Unwilling(usual())))["error"] == "not today"

@@ -17,6 +17,7 @@ from pytest_rvads.runs.states import Vehicle
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators import simulator
 from pytest_rvads.simulators.loop import bullet
+from pytest_rvads.simulators.patience import Watch
 from pytest_rvads.support.errors import ScenarioError
 from studies import agreement, simulators
 from studies.agreement import Agreement, Mutant, Trial, agree, differences, same_order, text_agreements
@@ -154,8 +155,8 @@ class Deaf:
 
     name = "deaf"
 
-    def __call__(self, case: Case) -> Run:
-        run = bullet(case)
+    def __call__(self, case: Case, watch: Watch | None = None) -> Run:
+        run = bullet(case, watch)
         steps = round(case.scenario.duration / run.dt) + 1
         held = np.minimum(np.arange(steps), run.steps - 1)
         columns: dict[str, Any] = {name: getattr(run, name)[held] for name in ("zone", "lights", "station", "speed", "pose")}

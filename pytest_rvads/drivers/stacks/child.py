@@ -19,7 +19,7 @@ from pathlib import Path
 from threading import Lock, Thread
 from uuid import uuid4
 
-from pytest_rvads.drivers.stacks.descendants import MARK, Descendants, dismiss, kill, unwatch, watch
+from pytest_rvads.drivers.stacks.descendants import MARK, Descendants, Guard, dismiss, kill
 from pytest_rvads.support.errors import AutopilotError
 from pytest_rvads.support.wording import one_line, printable
 
@@ -57,12 +57,19 @@ class StackTimeout(StackError):
 class Child:
     """The running process of a stack (an autopilot in another process).
 
-    The process gets the time `grace` to exit after the message ``bye``, and again after SIGTERM [s].
+    The process gets the time `grace` to exit after the message ``bye``, and again after SIGTERM [s]. `guard` ends it when this
+    process ends.
     """
 
     def __init__(
-        self, command: Sequence[str], cwd: str | Path | None = None, env: Mapping[str, str] | None = None, grace: float = 1.0
+        self,
+        command: Sequence[str],
+        cwd: str | Path | None = None,
+        env: Mapping[str, str] | None = None,
+        grace: float = 1.0,
+        guard: Guard | None = None,
     ) -> None:
+        self._guard = guard or Guard()
         self._grace, self._name, mark = grace, one_line(shlex.join(command), 100), uuid4().hex
         self._stderr = StandardError()
         try:
@@ -82,7 +89,7 @@ class Child:
             raise StackError(f"it can't be started: {cause}; give the path of a program that exists") from None
         finally:
             os.close(self._stderr.sink)
-        watch(self._process.pid, mark, grace)
+        self._guard.watch(self._process.pid, mark, grace)
         self._descendants = Descendants(self._process.pid, mark)
         if self._process.stdin is None or self._process.stdout is None:
             raise StackError("it has no pipes")
@@ -171,7 +178,7 @@ class Child:
             living = kill([self._descendants])
             with suppress(subprocess.TimeoutExpired):
                 self._process.wait(_MOMENT)
-            unwatch(self._process.pid)
+            self._guard.unwatch(self._process.pid)
             deadline, held = time.monotonic() + _MOMENT, True
             while held and time.monotonic() < deadline and self._readable.poll(_left(deadline)):
                 held = bool(os.read(self._out.fileno(), _PIECE))  # the output ends when no process holds it

@@ -3,21 +3,23 @@
 A stack may start processes in other process sessions and leave these processes running. They are identified by parent, process
 group and session, and by a mark in the environment, which a process passes on to its children.
 
-The guard is a small process that ends all stacks when this process ends in any way. When this process ends, a stack reads the
-end of its input. Without the guard, a stack that hangs, or that a script started, would go on. The guard reads from a pipe that
-closes at an exit, a signal or a crash of this process. When the pipe closes, the guard ends all stacks that this process has
-reported to the guard. Run as a program, this file is the guard; it imports psutil alone, because the guard runs the file alone.
+A guard is a small process that ends stacks when the process that started them ends in any way. When that process ends, a stack
+reads the end of its input. Without the guard, a stack that hangs, or that a script started, would go on. The guard reads from a
+pipe that closes at an exit, a signal or a crash of its parent process. A process that its parent forked can hold the pipe open,
+so the guard also sees whether its parent is still there. Then it ends all stacks that were reported to it. Run as a program, this
+file is the guard; it imports psutil alone, because the guard runs the file alone.
 """
 
 from __future__ import annotations
 
-import atexit
 import os
+import select
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+import weakref
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 
 import psutil
@@ -28,12 +30,8 @@ _PATIENCE = 5.0
 """Longest time until killed processes disappear [s]."""
 _GUARD_PATIENCE = 60.0
 """Longest time that this process waits for the guard at its exit [s]; the guard continues after this process."""
-_guard: subprocess.Popen[str] | None = None
-"""The guard of this process; None before the first stack."""
-_inherited: list[subprocess.Popen[str]] = []
-"""Guards of the processes from which this process was forked."""
-_watched: dict[int, str] = {}
-"""Per stack, the line sent to the guard; a new guard gets all lines if the guard was killed."""
+_LOOK = 1.0
+"""Time between two looks of a guard at its parent process [s]."""
 
 
 class Descendants:
@@ -93,61 +91,58 @@ def kill(stacks: Sequence[Descendants]) -> set[int]:
         time.sleep(0.002)
 
 
-def watch(leader: int, mark: str, grace: float) -> None:
-    """Report a stack to the guard, which ends the stack, with a time for exiting after SIGTERM [s], when this process ends."""
-    _watched[leader] = f"{leader} {mark} {grace}\n"
-    _send(_watched[leader])
+class Guard:
+    """Ends stacks that still run when this process ends; the guard's process starts with the first stack."""
+
+    def __init__(self) -> None:
+        self._process: subprocess.Popen[str] | None = None
+        self._parent = 0
+        """The process that started the guard's process; a process forked from it has a guard's process of its own."""
+        self._watched: dict[int, str] = {}
+        """Per stack, the line sent to the guard's process; a new process gets all lines if the process was killed."""
+
+    def watch(self, leader: int, mark: str, grace: float) -> None:
+        """Report a stack, which gets a time for exiting after SIGTERM [s] when this process ends."""
+        if self._parent != os.getpid():
+            self._watched.clear()
+        self._watched[leader] = f"{leader} {mark} {grace}\n"
+        if self._process is None or self._parent != os.getpid() or self._process.poll() is not None:
+            self._parent = os.getpid()
+            # The process has a separate session because Ctrl-C in a terminal goes to all processes of the foreground group.
+            self._process = subprocess.Popen(
+                [sys.executable, "-I", __file__, str(self._parent)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                start_new_session=True,
+                text=True,
+            )
+            weakref.finalize(self, _close, self._process)
+            self._send("".join(self._watched.values()))
+        else:
+            self._send(self._watched[leader])
+
+    def unwatch(self, leader: int) -> None:
+        """Report that a stack has ended."""
+        if self._parent == os.getpid() and leader in self._watched:
+            del self._watched[leader]
+            self._send(f"{leader}\n")
+
+    def _send(self, line: str) -> None:
+        stdin = self._process and self._process.stdin
+        if stdin and not stdin.closed:  # it is closed when this process ends
+            with suppress(BrokenPipeError):  # the guard's process was killed; the next process gets the line
+                stdin.write(line)
+                stdin.flush()
 
 
-def unwatch(leader: int) -> None:
-    """Report to the guard that a stack has ended."""
-    if _watched.pop(leader, None):
-        _send(f"{leader}\n")
-
-
-def _send(line: str) -> None:
-    global _guard
-    if _guard is None or _guard.poll() is not None:
-        # The guard has a separate session because Ctrl-C in a terminal goes to all processes of the foreground group.
-        _guard = subprocess.Popen(
-            [sys.executable, "-I", __file__],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            start_new_session=True,
-            text=True,
-        )
-        atexit.register(_close_guard, _guard)
-        line = "".join(_watched.values())
-    if _guard.stdin is not None:
-        with suppress(BrokenPipeError):  # the guard was just killed; the next guard gets the line
-            _guard.stdin.write(line)
-            _guard.stdin.flush()
-
-
-def _close_guard(guard: subprocess.Popen[str]) -> None:
-    """Close the input of the guard, and wait until the guard has ended the remaining stacks."""
+def _close(guard: subprocess.Popen[str]) -> None:
+    """Close the input of a guard's process, and wait until the process has ended the remaining stacks."""
     if guard.stdin is not None:
         with suppress(BrokenPipeError):
             guard.stdin.close()
     with suppress(subprocess.TimeoutExpired):
         guard.wait(_GUARD_PATIENCE)
-
-
-def _forked() -> None:
-    """Forget, in a forked process, the stacks of the parent, which the end of the forked process must not end."""
-    global _guard
-    if _guard is not None:
-        _inherited.append(_guard)  # garbage collection would warn about a process of the parent
-        if _guard.stdin is not None:
-            with suppress(OSError):
-                _guard.stdin.close()  # else the guard would wait for this process, too
-    _guard = None
-    _watched.clear()
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_forked)
 
 
 def _living(stacks: Sequence[Descendants]) -> set[int]:
@@ -160,11 +155,25 @@ def _signal(pids: set[int], number: signal.Signals) -> None:
             os.kill(pid, number)
 
 
-if __name__ == "__main__":  # the guard reads about starts and ends of stacks until its input ends, and ends those that still run
+def _lines(parent: int) -> Iterator[str]:
+    """Yield the lines of the standard input until the input or the parent process ends."""
+    text = b""
+    while True:
+        if select.select([0], [], [], _LOOK)[0]:
+            piece = os.read(0, 65536)
+            if not piece:
+                return
+            *lines, text = (text + piece).split(b"\n")
+            yield from map(bytes.decode, lines)
+        elif os.getppid() != parent:
+            return
+
+
+if __name__ == "__main__":  # a guard reads about starts and ends of stacks until its input ends, and ends those that still run
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     stacks: dict[str, tuple[str, float]] = {}
-    for line in sys.stdin:
+    for line in _lines(int(sys.argv[1])):
         leader, *details = line.split()
         if details:
             stacks[leader] = details[0], float(details[1])

@@ -21,6 +21,7 @@ from typing import Any
 from pytest_rvads.drivers.interface import Autopilot, Command, Observation, TrafficSystem
 from pytest_rvads.drivers.stacks import frames, messages
 from pytest_rvads.drivers.stacks.child import Child, StackError
+from pytest_rvads.drivers.stacks.descendants import Guard
 from pytest_rvads.drivers.stacks.messages import reset
 from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.states import Agent
@@ -92,7 +93,7 @@ class Process(TrafficSystem):
         self.label: str = one_line(f"stack {shlex.join(self.command)}")
         self._period = None if rate is None else _period(rate, self.label)
         self._limits = max(3 * timeout, 15.0) if startup is None else startup, timeout
-        self._place = cwd, env, grace
+        self._place = cwd, env, grace, Guard()
         self.connections: list[Connection] = []
         """Running processes; the first process drives the first vehicle of a run, and so on."""
         weakref.finalize(self, _close, self.connections)
@@ -107,7 +108,7 @@ class Process(TrafficSystem):
         The settings are the command, the time between decisions, the working directory, the added variables, and the digests of
         files that the command names.
         """
-        cwd, env, _ = self._place
+        cwd, env, *_ = self._place
         files = [Path(cwd or "", word) for word in self.command]
         digests = [sha256(file.read_bytes()).hexdigest() for file in files if file.is_file()]
         return [self.command, self._period, None if cwd is None else str(cwd), dict(env or {}), digests]

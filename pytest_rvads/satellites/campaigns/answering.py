@@ -19,8 +19,7 @@ from pytest_rvads.report.record import of_run
 from pytest_rvads.satellites.campaigns.resultsfile import Judged
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.ids import run_id
-from pytest_rvads.simulators.patience import Choice, Limits, choosing
-from pytest_rvads.simulators.simulator import Simulator, made_by, simulate
+from pytest_rvads.simulators.simulator import Choice, made_by, simulate
 from pytest_rvads.support.decoding import encode
 from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.installed import code, versions
@@ -32,9 +31,7 @@ class Question:
 
     rules: tuple[str | Rule, ...]
     """Shipped rules and rulebooks as names, other rules as `Rule`."""
-    simulator: Simulator
-    limits: Limits
-    """Limits of real time for runs and for decisions of drivers."""
+    simulator: Choice
     code: str
     """Checksum of this package's code in the process that started the campaign."""
     versions: dict[str, str]
@@ -65,11 +62,10 @@ def judge(question: Question, job: Job) -> bytes:
             "all machines"
         )
     try:
-        with choosing(Choice(question.simulator, question.limits)):
-            # Each case arrives with a copy of its junction, and caches are kept per junction object.
-            place = _first_equal(job.case.scenario.place)
-            case = job.case if place is job.case.scenario.place else job.case.but(place=place)
-            run = simulate(case, question.simulator)
+        # Each case arrives with a copy of its junction, and caches are kept per junction object.
+        place = _first_equal(job.case.scenario.place)
+        case = job.case if place is job.case.scenario.place else job.case.but(place=place)
+        run = simulate(case, question.simulator)
     except (Exception, SystemExit) as error:
         return encode(undecided(question, job, sentence(error)))
     return encode(

@@ -29,8 +29,7 @@ from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.satellites.campaigns.answering import Job, Question, judge, undecided
 from pytest_rvads.satellites.campaigns.resultsfile import Head, Results
 from pytest_rvads.scenarios.case import Case, Fleet
-from pytest_rvads.simulators.patience import choice
-from pytest_rvads.simulators.simulator import Simulator, meant
+from pytest_rvads.simulators.simulator import Choice, Simulator
 from pytest_rvads.support.decoding import encode
 from pytest_rvads.support.errors import FormulaError, RvadsError, ScenarioError, require
 from pytest_rvads.support.executors import DIED, ExecutorGone, Failed, Progress, gathered
@@ -79,11 +78,11 @@ def campaign(
         FormulaError: a rule is unknown.
     """
     require(cases, Iterable, "a campaign takes cases, any number of rvads.Case(scenario, driver)", ScenarioError)
-    maker = meant(simulator)
+    choice = Choice.of(simulator)
     remaining = iter(cases)
     first = next(remaining, None)
-    keys = Keys(maker)
-    question = Question(_portable_rules(rules), maker, choice().limits, code(), versions(*getattr(maker, "libraries", ())))
+    keys = Keys(choice)
+    question = Question(_portable_rules(rules), choice, code(), versions(*getattr(choice.simulator, "libraries", ())))
     if first is not None:
         require(first, Case, "a campaign takes cases: rvads.Case(scenario, driver)", ScenarioError)
         remaining = chain((first,), remaining)
@@ -220,7 +219,7 @@ def _campaign_head(question: Question, keys: Keys, first: Case | None) -> Head:
     origins: dict[str, Any] = {
         "package": question.code,
         "rules": _named(question.rules),
-        "simulator": f"{question.simulator.name} {identity(question.simulator)}",
+        "simulator": f"{question.simulator.name} {identity(question.simulator.simulator)}",
     }
     drivers = {}
     if first is not None:
@@ -257,7 +256,7 @@ class Keys:
     """Computes the hash by which the file of results recognises a case; the identity of each driver is computed once."""
 
     def __init__(self, simulator: Simulator) -> None:
-        self._simulator = simulator.name, identity(simulator)
+        self._simulator = simulator.name, identity(Choice.of(simulator).simulator)
         self._drivers: dict[int, IdentifiedDriver] = {}
 
     def identified(self, driver: Factory) -> IdentifiedDriver:

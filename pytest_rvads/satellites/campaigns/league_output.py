@@ -30,7 +30,7 @@ from pytest_rvads.satellites.campaigns.replays import INTERRUPTED, Replays, draw
 from pytest_rvads.satellites.pages.page import rendered
 from pytest_rvads.satellites.starts.critical import Order, critical_starts
 from pytest_rvads.satellites.starts.trials import Fault, Setting
-from pytest_rvads.simulators.simulator import Simulator, meant, named
+from pytest_rvads.simulators.simulator import Simulator, named
 from pytest_rvads.support.decoding import decode, encode
 from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.installed import versions
@@ -97,7 +97,7 @@ def judge_league(path: Path, folder: Path, executor: Executor | int | None) -> i
     simulators = {}
     for name, entry in config.drivers.items():  # a driver that can't be imported is an error before anything runs
         with about(f"{path}: drivers.{name}"), opened_driver(entry.words()):
-            simulators[name] = named(entry.simulator, Path.cwd()) if entry.simulator else meant()
+            simulators[name] = named(entry.simulator, Path.cwd())
     warn(f"{plural(len(simulators), 'driver')}, each with {_drawn(league)}")
     for reason in league.refused:
         warn(f"left out: {reason}")

@@ -113,7 +113,7 @@ def _asked(options: argparse.Namespace, driver: Any) -> tuple[Town, Simulator]:
     from pytest_rvads.satellites.campaigns.town_plan import Request
     from pytest_rvads.scenarios.configurations import grid
     from pytest_rvads.scenarios.scenario import check_followers
-    from pytest_rvads.simulators.simulator import meant, named
+    from pytest_rvads.simulators.simulator import named
 
     subject = _subject(options.subject)
     if options.traffic is not None and subject is None:
@@ -143,7 +143,7 @@ def _asked(options: argparse.Namespace, driver: Any) -> tuple[Town, Simulator]:
         sample=options.sample,
         seed=options.seed,
     )
-    return town, named(options.simulator, Path.cwd()) if options.simulator else meant()
+    return town, named(options.simulator, Path.cwd())
 
 
 def _subject(text: str) -> int | str | None:

@@ -21,8 +21,8 @@ from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.classes import Orbits
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.patience import limits
-from pytest_rvads.simulators.simulator import Simulator, answered
+from pytest_rvads.simulators.patience import Limits
+from pytest_rvads.simulators.simulator import Choice, Simulator, answered
 from pytest_rvads.support.errors import ScenarioError
 
 FAULTY_FROM = 3
@@ -150,6 +150,8 @@ class Bench:
     """The simulator as ``module:name``, for another process; None if that process gets a shipped name or a pickled simulator."""
     longest: float = 60.0
     """Limit of the real time of a run [s]."""
+    dump: int | None = None
+    """File descriptor for the stacks of a process that ends because a driver does not stop, see `Limits.dump`."""
     _trips: list[Run] = field(default_factory=list, repr=False, compare=False)
 
     @property
@@ -162,8 +164,8 @@ class Bench:
 
         `decision` is the limit of the real time of a call of a driver [s]; by default `longest`, the limit of a run.
         """
-        with limits(decision=self.longest if decision is None else decision, run=self.longest):
-            run = answered(case, self.simulator)
+        limits = Limits(self.longest if decision is None else decision, self.longest, self.dump)
+        run = answered(case, Choice(self.simulator, limits))
         for name in ("station", "speed", "pose"):
             if getattr(run, name) is None:
                 raise Broken(f"{run.label}: its {name} is None, expected an array of floats: who simulates knows it")

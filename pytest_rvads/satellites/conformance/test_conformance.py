@@ -15,10 +15,10 @@ import pytest
 
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.geometry.finder import find
-from pytest_rvads.satellites.conformance import events, in_motion, start_and_repetition, with_drivers
+from pytest_rvads.satellites.conformance import contract, in_motion
 from pytest_rvads.satellites.conformance.bench import JUNCTIONS, Bench, Broken, Look, NotTried
-from pytest_rvads.session.options import Options
-from pytest_rvads.simulators.simulator import Simulator, meant
+from pytest_rvads.session.options import Options, choice_of
+from pytest_rvads.simulators.simulator import Simulator
 from pytest_rvads.support.errors import ScenarioError, require, suggest
 from pytest_rvads.support.wording import one_line
 
@@ -26,10 +26,10 @@ _MOST = 3
 """Largest number of sentences that a failed check prints."""
 CHECKS: Mapping[str, tuple[Look, bool]] = MappingProxyType(
     {
-        "name": (start_and_repetition.has_a_name, True),
-        "vmax": (start_and_repetition.envelope_is_a_curve, True),
-        "starts": (start_and_repetition.start_places, True),
-        "refusals": (start_and_repetition.impossible_cases, True),
+        "name": (contract.has_a_name, True),
+        "vmax": (contract.envelope_is_a_curve, True),
+        "starts": (contract.start_places, True),
+        "refusals": (contract.impossible_cases, True),
         "clock": (in_motion.clock, True),
         "ends": (in_motion.ends, True),
         "integrity": (in_motion.integrity, True),
@@ -38,20 +38,20 @@ CHECKS: Mapping[str, tuple[Look, bool]] = MappingProxyType(
         "poses": (in_motion.headings_and_places, True),
         "bodies": (in_motion.bodies_of_the_fleet, False),
         "lights": (in_motion.lights, False),
-        "seen": (with_drivers.what_drivers_see, False),
-        "subject": (with_drivers.subject_and_traffic, False),
-        "faults": (with_drivers.faults, True),
-        "hanging": (with_drivers.hanging, False),
-        "route": (with_drivers.leaving_the_route, False),
-        "braking": (with_drivers.brakes_by_its_envelope, False),
-        "gone": (events.gone_for_good, False),
-        "crossing": (events.crossing, False),
-        "running_into": (events.running_into, False),
-        "passing": (events.passing, False),
-        "pedestrians": (events.pedestrians, False),
-        "repeatable": (start_and_repetition.repeatable, True),
-        "another_process": (start_and_repetition.another_process, False),
-        "provenance": (start_and_repetition.provenance, True),
+        "seen": (contract.what_drivers_see, False),
+        "subject": (contract.subject_and_traffic, False),
+        "faults": (contract.faults, True),
+        "hanging": (contract.hanging, False),
+        "route": (contract.leaving_the_route, False),
+        "braking": (contract.brakes_by_its_envelope, False),
+        "gone": (in_motion.gone_for_good, False),
+        "crossing": (in_motion.crossing, False),
+        "running_into": (in_motion.running_into, False),
+        "passing": (in_motion.passing, False),
+        "pedestrians": (in_motion.pedestrians, False),
+        "repeatable": (contract.repeatable, True),
+        "another_process": (contract.another_process, False),
+        "provenance": (contract.provenance, True),
     }
 )
 """Per name of a check, the function of the check, and whether every simulator has to pass the check."""
@@ -60,10 +60,11 @@ CHECKS: Mapping[str, tuple[Look, bool]] = MappingProxyType(
 @pytest.fixture(scope="module")
 def bench(pytestconfig: pytest.Config) -> Bench:
     """Return the bench: the simulator, with the drivers and junctions of the checks. The checks share its runs."""
-    simulator: Simulator = meant()
+    choice = choice_of(pytestconfig)
+    simulator = choice.simulator
     name = Options.read(pytestconfig).simulator
     drivers = (Reference, *getattr(simulator, "drivers", ()))
-    return Bench(simulator, drivers, tuple(map(find, JUNCTIONS)), name if name and ":" in name else None)
+    return Bench(simulator, drivers, tuple(map(find, JUNCTIONS)), name if name and ":" in name else None, dump=choice.limits.dump)
 
 
 @pytest.mark.parametrize("check", CHECKS)

@@ -22,8 +22,7 @@ from pytest_rvads.satellites.starts.starts import CHANGED, LONGEST, Line
 from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.scenarios.ids import run_id
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.patience import Choice, Limits, choice, choosing
-from pytest_rvads.simulators.simulator import Simulator, meant, simulate
+from pytest_rvads.simulators.simulator import Choice, Simulator, simulate
 from pytest_rvads.support.errors import RunError
 
 _TIMID = frozenset({"progress"})
@@ -72,8 +71,7 @@ class Setting:
     traffic: Policy | None
     """Drives the other vehicle; None if the driver drives both vehicles."""
     fleet: Fleet
-    simulator: Simulator
-    limits: Limits
+    simulator: Choice
 
     @classmethod
     def of(
@@ -84,9 +82,9 @@ class Setting:
         fleet: Fleet | None = None,
         simulator: Simulator | None = None,
     ) -> Setting:
-        """Return a setting, by default with the simulator of the session and its limits of real time."""
+        """Return a setting, by default with the usual simulator."""
         policy = None if traffic is None else Policy.of(traffic)
-        return cls(driver, tuple(rules), policy, fleet or Fleet(), meant(simulator), choice().limits)
+        return cls(driver, tuple(rules), policy, fleet or Fleet(), Choice.of(simulator))
 
     def judged(self, scenario: Scenario) -> tuple[Run, list[Verdict]]:
         """Simulate a scenario, and judge the run by every rule."""
@@ -101,12 +99,11 @@ class Setting:
 
     def simulated(self, scenario: Scenario) -> Run:
         """Simulate a scenario; the run may have ended by a fault."""
-        with choosing(Choice(self.simulator, self.limits)):
-            if self.traffic is None:
-                case = Case(scenario.but(subject=None), self.driver, fleet=self.fleet)
-            else:
-                case = Case(scenario, self.driver, self.traffic.factory, self.fleet)
-            return simulate(case, self.simulator)
+        if self.traffic is None:
+            case = Case(scenario.but(subject=None), self.driver, fleet=self.fleet)
+        else:
+            case = Case(scenario, self.driver, self.traffic.factory, self.fleet)
+        return simulate(case, self.simulator)
 
     def id(self, scenario: Scenario) -> str:
         """Return the id of a start, given by its scenario, in reports."""

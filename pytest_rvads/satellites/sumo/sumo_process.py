@@ -16,12 +16,11 @@ from typing import Any
 from pytest_rvads.drivers.stacks.child import Child, StackError, StackTimeout
 from pytest_rvads.satellites.sumo import libsumo_server
 from pytest_rvads.satellites.sumo.road_network import Network
-from pytest_rvads.simulators.patience import choice
 from pytest_rvads.support.errors import RunError
 from pytest_rvads.support.wording import one_line
 
 _NO_LIMIT = 86400.0
-"""Longest real time to wait for an answer of SUMO if the session sets no limit for decisions [s]."""
+"""Longest real time to wait for an answer of SUMO if there is no limit for decisions [s]."""
 _OPTIONS = (
     "--step-length=0.01",
     "--no-step-log",
@@ -43,9 +42,10 @@ class SumoFailed(RunError):
 
 
 class SumoProcess:
-    """A running process of SUMO."""
+    """A running process of SUMO; `limit` is the longest real time of an answer, 0 for no limit [s]."""
 
-    def __init__(self) -> None:
+    def __init__(self, limit: float) -> None:
+        self.limit = limit
         try:
             self._folder = Path(mkdtemp(prefix="rvads-sumo-"))
         except OSError as error:
@@ -61,8 +61,8 @@ class SumoProcess:
 
     @property
     def usable(self) -> bool:
-        """Whether the process of SUMO still runs and was not closed."""
-        return not self._closed and self._child.running
+        """Whether the process of SUMO still runs, was not closed, and was not started by the parent of a forked process."""
+        return not self._closed and self.owner == os.getpid() and self._child.running
 
     @property
     def pid(self) -> int:
@@ -101,7 +101,7 @@ class SumoProcess:
         return [*_OPTIONS, f"--net-file={net.name}", f"--route-files={departures.name}", f"--seed={seed}"]
 
     def _ask(self, **request: Any) -> array[float]:
-        limit = choice().limits.decision or _NO_LIMIT
+        limit = self.limit or _NO_LIMIT
         try:
             self._child.send(json.dumps(request).encode() + b"\n", limit)
             head = json.loads(self._child.line(limit))
@@ -125,33 +125,23 @@ class SumoProcess:
 
 _FREE: list[SumoProcess] = []
 """Running processes that simulate nothing now; they are used again, because starting a process takes a third of a second."""
-_PARENTS: list[SumoProcess] = []
-"""In a forked process, objects for SUMO processes of its parent; they are kept, because deleting them would end the processes."""
 
 
-def acquire() -> SumoProcess:
-    """Return a running SUMO process that simulates nothing; start a process if there is none."""
+def acquire(limit: float) -> SumoProcess:
+    """Return a running SUMO process that simulates nothing, with a `limit`; start a process if there is none."""
     while _FREE:
         process = _FREE.pop()
         if process.usable:
+            process.limit = limit
             return process
         process.close()
-    return SumoProcess()
+    return SumoProcess(limit)
 
 
 def release(process: SumoProcess) -> None:
     """Make a SUMO process available to the next call of `acquire`."""
     if process.usable:
         _FREE.append(process)
-
-
-def _forked() -> None:
-    _PARENTS.extend(_FREE)
-    _FREE.clear()
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_forked)
 
 
 @atexit.register

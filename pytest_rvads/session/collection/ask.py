@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
     from pytest_rvads.drivers.interface import Factory
     from pytest_rvads.scenarios.pedestrians import Pedestrian
+    from pytest_rvads.simulators.simulator import Simulator
 
 _SEVERAL: dict[str, tuple[Any, str]] = {
     "junction": (str, "names, ids or types of junctions"),
@@ -145,8 +146,9 @@ class Ask:
         added: Extensions,
         watch: Callable[..., Iterable[Configuration]],
         takes_rule: bool,
+        simulator: Simulator | None,
     ) -> Selected:
-        """Return the runs and rules that the mark selects at each junction."""
+        """Return the runs and rules that the mark selects at each junction; starts that `simulator` can't stop are left out."""
         sources: list[tuple[str, str | None]] = []  # names of junctions and paths of map files, the arguments of `find`
         for name in self.junction or ():
             if self.map is not None:
@@ -168,7 +170,7 @@ class Ask:
                 break
             for place in unresolved:
                 try:
-                    resolved[place] = self._at(place, options, added.grids, watch, takes_rule)
+                    resolved[place] = self._at(place, options, added.grids, watch, takes_rule, simulator)
                 except ScenarioError as error:
                     errors[place] = error
         if not drawn:
@@ -188,6 +190,7 @@ class Ask:
         grids: Mapping[str, tuple[Any, Any]],
         watch: Callable[..., Iterable[Configuration]],
         takes_rule: bool,
+        simulator: Simulator | None,
     ) -> Resolved:
         """Return the runs and rules that the mark selects at a junction."""
         place = place.walked if self.pedestrians else place
@@ -203,7 +206,7 @@ class Ask:
         if points and not self.probe:
             from pytest_rvads.simulators.simulator import vmax  # most tests need no physics before they run
 
-            envelope = partial(vmax, aggression=self.aggression, limit=place.top_limit)
+            envelope = partial(vmax, aggression=self.aggression, simulator=simulator, limit=place.top_limit)
             stopping = [point for point in watch(points) if not outside(point, envelope)]
         if points and not stopping and not paper:
             asked = f"distances={axes[0][0]!r}, speeds={axes[0][1]!r}" if self.distances else f"grid={names!r}"

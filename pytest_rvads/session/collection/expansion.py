@@ -23,13 +23,14 @@ import pytest
 from pytest_rvads.session.collection.cells import Cell, Known, PlannedRun, RecordedCell, Resolved, Runs
 from pytest_rvads.session.collection.extensions import extensions
 from pytest_rvads.session.collection.misuse import told_at
+from pytest_rvads.session.options import NAMED
 from pytest_rvads.session.plan import PLAN
 from pytest_rvads.support.errors import OpenObligation, RuleViolation, ScenarioError
 
 if TYPE_CHECKING:
     from pytest_rvads.session.collection.ask import Ask
     from pytest_rvads.session.collection.extensions import Extensions
-    from pytest_rvads.session.collection.recordings import OpenFiles
+    from pytest_rvads.session.collection.marks import OpenFiles
     from pytest_rvads.session.options import Options
 
 T = TypeVar("T")
@@ -80,7 +81,7 @@ def expand(metafunc: pytest.Metafunc, options: Options) -> None:
 def expand_recorded(metafunc: pytest.Metafunc, options: Options) -> None:
     """Expand a test into an item per recorded run and rule of its marks; the fixtures of driver and simulator are not set up."""
     __tracebackhide__ = True
-    from pytest_rvads.session.collection.recordings import OpenFiles, Recordings
+    from pytest_rvads.session.collection.marks import OpenFiles, Recordings
 
     test = metafunc.definition
     asks = _nearest(test, "recorded", Recordings)
@@ -218,7 +219,7 @@ def _resolve(ask: Ask, test: pytest.Function, options: Options, added: Extension
 
     plan = test.config.stash[PLAN]
     watch = partial(_watched, test.config, "v(d)max of point", least=_POINTS)
-    selected = ask.resolve(test.path.parent, options, added, watch, takes_rule)
+    selected = ask.resolve(test.path.parent, options, added, watch, takes_rule, test.config.stash[NAMED])
     if options.sample is None:
         _refuse_many(selected.resolved, options)
     for resolved in selected.resolved:

@@ -32,8 +32,8 @@ from pytest_rvads.search.falsify import Search
 from pytest_rvads.session.collection.cells import cells_of
 from pytest_rvads.session.collection.misuse import beside, caller, told_at
 from pytest_rvads.session.items import CELL, RECORD, RUN, SIMULATOR, VERDICTS, checked_name
-from pytest_rvads.session.options import OPTIONS
-from pytest_rvads.simulators.simulator import made_by, usable
+from pytest_rvads.session.options import LIMITS, OPTIONS
+from pytest_rvads.simulators.simulator import Choice, made_by, usable
 from pytest_rvads.support.errors import RvadsError, ScenarioError
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ def falsify(
     def begin(driver: Factory, fixtures: Mapping[str, Any], name: str) -> Exception | None:
         limit = fixtures["pytestconfig"].stash[OPTIONS].speed_limit
         limited = replace(search, place=search.place.limited(limit)) if limit else search
-        simulator, fleet = usable(fixtures["rvads_simulator"]), Fleet(fixtures["rvads_vehicle"])
+        simulator, fleet = _simulator(fixtures), Fleet(fixtures["rvads_vehicle"])
         counterexample = limited.begin(driver, fleet, simulator, name, searches, executor)
         return None if counterexample is None else violation(counterexample)
 
@@ -160,7 +160,7 @@ def critical(
             check_factory(autopilot)
 
     def begin(driver: Factory, fixtures: Mapping[str, Any], _name: str) -> Exception | None:
-        simulator, fleet = usable(fixtures["rvads_simulator"]), Fleet(fixtures["rvads_vehicle"])
+        simulator, fleet = _simulator(fixtures), Fleet(fixtures["rvads_vehicle"])
         limit, group = fixtures["pytestconfig"].stash[OPTIONS].speed_limit, fixtures["rvads_lines"]
         if limit:
             group = tuple(replace(line, place=line.place.limited(limit)) for line in group)
@@ -188,6 +188,10 @@ def _cell(line: Line, policy: Policy) -> Cell:
     return replace(cell, id=line.id, run=line.id, keys=keys)
 
 
+def _simulator(fixtures: Mapping[str, Any]) -> Choice:
+    return Choice.of(usable(fixtures["rvads_simulator"]), fixtures["pytestconfig"].stash[LIMITS])
+
+
 def _folder(place: str) -> Path:
     return Path(place.rpartition(":")[0]).parent
 
@@ -211,7 +215,7 @@ def _record(item: pytest.Item, sides: Sequence[CriticalStart], setting: Setting)
     stash[CELL] = replace(item.callspec.params["rvads_cell"], scenario=scenario)  # type: ignore[attr-defined]
     stash[RECORD] = structs.replace(
         stash[RECORD],
-        driver=checked_name(setting.driver),
+        driver=checked_name(setting.driver, item.config),
         source=source(setting.driver, item.config.invocation_params.dir),
         simulator=made_by(setting.simulator, run),
         run=setting.id(scenario),

@@ -144,14 +144,15 @@ def test_endless_standard_error_keeps_nobody_waiting_and_is_forgotten_but_for_it
 
 KILLED = """
 import os, sys
-from pytest_rvads.drivers.stacks import descendants
 from pytest_rvads.drivers.stacks.child import Child
-first = Child([sys.executable, "-I", "-S", *sys.argv[1:]], grace=0.1)
+from pytest_rvads.drivers.stacks.descendants import Guard
+guard = Guard()
+first = Child([sys.executable, "-I", "-S", *sys.argv[1:]], grace=0.1, guard=guard)
 first.send(b'{"type": "hello"}\\n', 60.0)
 first.line(60.0)
-descendants._guard.kill()
-descendants._guard.wait()
-second = Child(["sleep", "50"])
+guard._process.kill()
+guard._process.wait()
+second = Child(["sleep", "50"], guard=guard)
 print(flush=True)
 sys.stdin.read()
 """
@@ -166,3 +167,20 @@ def test_nothing_outlives_us_when_we_are_killed_and_a_guard_was_before(marked: F
         assert len(marked(tag)) == 6
         session.kill()
     assert wait_for(lambda: not marked(tag), 20.0)
+
+
+LEFT_OPEN = """
+import sys
+from pytest_rvads.drivers.stacks.process import Process
+stack = Process([sys.executable, "-I", "-S", *sys.argv[1:]], timeout=60.0, startup=60.0, grace=0.3)
+stack.autopilots(("any vehicle",))
+"""
+
+
+@pytest.mark.extended
+@linux
+def test_script_that_leaves_its_stack_open_ends_it_without_a_word(marked: Find, tag: str) -> None:
+    command = [sys.executable, "-c", LEFT_OPEN, str(CLINGING), "ignores bye", tag]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+    assert (done.stdout, done.stderr) == ("", "")
+    assert marked(tag) == []

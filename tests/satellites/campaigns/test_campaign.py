@@ -24,7 +24,8 @@ from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.satellites.campaigns import answering
 from pytest_rvads.satellites.campaigns.resultsfile import Judged
-from pytest_rvads.simulators.patience import Limits
+from pytest_rvads.simulators.patience import Watch
+from pytest_rvads.simulators.simulator import Choice
 
 FEW = 6
 RULES = len(rules_for("road", rvads.find("stop4")))
@@ -184,8 +185,8 @@ class Renamed:
 
     name = "renamed"
 
-    def __call__(self, case: rvads.Case, /) -> rvads.Run:
-        return rvads.mujoco(case)
+    def __call__(self, case: rvads.Case, watch: Watch | None = None, /) -> rvads.Run:
+        return rvads.mujoco(case, watch)
 
     def vmax(self, distance: float, aggression: int = 1, vehicle: rvads.Vehicle | None = None) -> float | None:
         return rvads.mujoco.vmax(distance, aggression, vehicle)
@@ -246,7 +247,7 @@ def test_rules_and_words_of_users_travel() -> None:
 
 
 def test_a_worker_with_other_code_answers_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    question = answering.Question(("no_collision",), rvads.bullet, Limits(), "0" * 64, {"pytest-rvads": "0.0"})
+    question = answering.Question(("no_collision",), Choice(rvads.bullet), "0" * 64, {"pytest-rvads": "0.0"})
     with pytest.raises(rvads.errors.RvadsError, match=r"a worker has other code .*install the same version"):
         answering.judge(question, answering.Job(0, "0" * 64, next(cases()), "driver", None))
 

@@ -19,7 +19,7 @@ import pytest
 import pytest_rvads as rvads
 from pytest_rvads.logic.conduct.bodies import overlap
 from pytest_rvads.runs.states import Colour
-from pytest_rvads.satellites.sumo import sumo_process, sumo_simulator, sumo_world
+from pytest_rvads.satellites.sumo import sumo_process, sumo_simulator
 from pytest_rvads.satellites.sumo.sumo_process import SumoProcess
 from pytest_rvads.simulators.loop import usual
 from pytest_rvads.support.errors import ScenarioError
@@ -49,9 +49,9 @@ class Stuck(Rammer):
         return 8.0 if seen.me.station < 8.0 else 0.0
 
 
-def among(directions: str, driver: Any, traffic: Any, **more: Any) -> rvads.Run:
+def among(directions: str, driver: Any, traffic: Any, simulator: rvads.Simulator = rvads.sumo, **more: Any) -> rvads.Run:
     scenario = rvads.Scenario(rvads.find("stop4"), directions, **{"subject": 0, "distance": 20.0, **more})
-    return rvads.simulate(rvads.Case(scenario, driver, traffic=traffic), rvads.sumo)
+    return rvads.simulate(rvads.Case(scenario, driver, traffic=traffic), simulator)
 
 
 def entered(run: rvads.Run) -> list[int]:
@@ -124,7 +124,7 @@ def _hash() -> str:
 
 def test_number_of_steps_per_call_does_not_change_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
     first = simulated("right4", "1233").hash
-    monkeypatch.setattr(sumo_world, "_AHEAD", 7)
+    monkeypatch.setattr(sumo_simulator, "_AHEAD", 7)
     assert simulated("right4", "1233").hash == first
 
 
@@ -249,8 +249,7 @@ def processes(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[SumoProcess]]:
 
     monkeypatch.setattr(SumoProcess, "load", noted)
     yield seen
-    with rvads.limits():
-        assert simulated("stop4", "1133").fault is None
+    assert simulated("stop4", "1133").fault is None
 
 
 def signalling(processes: list[SumoProcess], number: int) -> Callable[[], rvads.Reference]:
@@ -278,8 +277,8 @@ def test_killed_sumo_is_a_fault(processes: list[SumoProcess], times: int) -> Non
 
 @pytest.mark.extended
 def test_hanging_sumo_is_a_fault(processes: list[SumoProcess]) -> None:
-    with rvads.limits(decision=0.5):
-        run = among("2020", signalling(processes, signal.SIGSTOP), rvads.traffic("sumo"))
+    hasty = rvads.limits(decision=0.5, simulator=rvads.sumo)
+    run = among("2020", signalling(processes, signal.SIGSTOP), rvads.traffic("sumo"), hasty)
     assert "SUMO (libsumo): " in run.fault.reason
     assert "no answer within 0.5 s of real time (setting rvads_decision_limit)" in run.fault.reason
     with pytest.raises(ProcessLookupError):

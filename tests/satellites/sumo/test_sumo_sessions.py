@@ -103,8 +103,8 @@ def test_custom_simulator_may_state_a_caveat(pytester: pytest.Pytester) -> None:
             caveat = "its tyres are square"
             vmax = staticmethod(usual().vmax)
 
-            def __call__(self, case):
-                return usual()(case)
+            def __call__(self, case, watch=None):
+                return usual()(case, watch)
 
         own = Own()
         """,
