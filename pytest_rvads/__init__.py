@@ -1,6 +1,7 @@
 """pytest-rvads: validate autonomous-driving controllers against traffic rules, in pytest.
 
-The public names stand in ``__init__.pyi`` and are loaded when first used, so that importing the package costs nothing.
+The public names stand in ``__init__.pyi`` and are loaded when first used, so that importing the package costs nothing. So are the
+marks of tests that other packages add by entry points in the group ``rvads.marks``.
 The modules ``errors``, ``files`` and ``values`` hold the public names that few tests write.
 """
 
@@ -22,10 +23,14 @@ def __getattr__(name: str) -> object:
     homes = globals().get("_known") or globals().setdefault("_known", _homes())
     if name == "__all__":
         return sorted(homes)
-    if name not in homes:
+    if name in homes:
+        home = homes[name]
+        value = import_module(f"{home}.{name}") if home == __name__ else getattr(import_module(home), name)
+    elif not name.startswith("_") and name in (installed := import_module(f"{__name__}.support.installed")).entries("marks"):
+        value = installed.load("marks", name)
+    else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    home = homes[name]
-    value = globals()[name] = import_module(f"{home}.{name}") if home == __name__ else getattr(import_module(home), name)
+    globals()[name] = value
     return value
 
 

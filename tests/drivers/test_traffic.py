@@ -12,7 +12,7 @@ from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.naming import chosen
 from pytest_rvads.drivers.playback import Replay
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.drivers.traffic import EVERYWHERE, HESITATION, Policy, RollingStop, traffic
+from pytest_rvads.drivers.traffic import HESITATION, Policy, RollingStop, traffic
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.conduct.standing import stopped
@@ -25,6 +25,8 @@ from pytest_rvads.scenarios.placing import started
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
 from pytest_rvads.support.errors import RunError, ScenarioError
+
+from ..policies import EVERYWHERE
 
 Among = Callable[[str, str], Run]
 

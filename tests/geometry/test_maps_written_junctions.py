@@ -12,7 +12,7 @@ from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.road_map import read_map
 from pytest_rvads.geometry.segment import NO_LIMIT, Segment
-from pytest_rvads.satellites.relations.remap import moved
+from pytest_rvads.satellites.relations.variants import moved
 from pytest_rvads.support.errors import MapError
 
 

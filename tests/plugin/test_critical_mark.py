@@ -13,7 +13,7 @@ import pytest_rvads as rvads
 from pytest_rvads.geometry.builtin import path_of
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.runs.run import Run
-from pytest_rvads.satellites.starts.trials import Setting
+from pytest_rvads.satellites.starts.lines import Setting
 from pytest_rvads.scenarios.ids import from_id
 from pytest_rvads.simulators.loop import usual
 

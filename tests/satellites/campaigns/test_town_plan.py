@@ -11,8 +11,7 @@ from pytest_rvads.drivers.traffic import Policy
 from pytest_rvads.geometry.choosing import Choice
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.satellites.campaigns.town import Town
-from pytest_rvads.satellites.campaigns.town_plan import Plan, Request
+from pytest_rvads.satellites.campaigns.town import Plan, Request, Town
 
 REQUEST = Request(Reference)
 
