@@ -9,7 +9,7 @@ import pytest
 
 import pytest_rvads as rvads
 from pytest_rvads.satellites.lgsvl import LgsvlLike
-from pytest_rvads.satellites.paper.experiment import WAIT
+from pytest_rvads.satellites.paper.tables import WAIT
 
 
 @pytest.fixture(scope="session")

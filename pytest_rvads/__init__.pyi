@@ -11,7 +11,7 @@ from pytest_rvads.drivers.traffic import Replay as Replay
 from pytest_rvads.drivers.traffic import traffic as traffic
 from pytest_rvads.satellites.campaigns.campaign import campaign as campaign
 from pytest_rvads.session.collection.marks import known as known, recorded as recorded, scenario as scenario
-from pytest_rvads.session.collection.searching import critical as critical
+from pytest_rvads.satellites.starts.critical_mark import critical as critical
 from pytest_rvads.session.collection.searching import falsify as falsify
 from pytest_rvads.support.errors import RuleViolation as RuleViolation
 from pytest_rvads.logic.check import check as check

@@ -167,7 +167,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     test = metafunc.definition
     if test.get_closest_marker("rvads_recorded"):
         return
-    takes_cell = "rvads_cell" in metafunc.fixturenames and "rvads_lines" not in metafunc.fixturenames
+    takes_cell = "rvads_cell" in metafunc.fixturenames and "rvads_search" not in metafunc.fixturenames
     if takes_cell or test.get_closest_marker("rvads_scenario"):
         expand(metafunc, metafunc.config.stash[OPTIONS])
 
@@ -193,7 +193,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     for item in items:
         if "rvads_cell" in getattr(item, "fixturenames", ()):
             encode_all(sys.stdout, sys.stderr)  # no run ends because its driver prints a character that the terminal lacks
-            if "rvads_lines" not in item.fixturenames:  # type: ignore[attr-defined]
+            if "rvads_search" not in item.fixturenames:  # type: ignore[attr-defined]
                 continue
         for name in ("scenario", "recorded"):
             if mark := item.get_closest_marker(f"rvads_{name}"):

@@ -12,7 +12,7 @@ from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.runs.readers import read_recorded
 from pytest_rvads.satellites.lgsvl import LgsvlLike
-from pytest_rvads.satellites.paper.experiment import TABLES, Setup, entries
+from pytest_rvads.satellites.paper.tables import TABLES, Setup, entries
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.classes import Orbits
 from pytest_rvads.scenarios.configurations import configuration

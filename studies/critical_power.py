@@ -14,8 +14,7 @@ from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.satellites.starts.critical import critical_starts
-from pytest_rvads.satellites.starts.starts import Begin, Line, lines_at
-from pytest_rvads.satellites.starts.trials import Fault, Setting, fault_of
+from pytest_rvads.satellites.starts.lines import Begin, Fault, Line, Setting, fault_of, lines_at
 from pytest_rvads.scenarios.scenario import Scenario
 from studies.detection import DEFICIENCIES, autopilot
 from studies.mutants import MUTANTS

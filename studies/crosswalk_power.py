@@ -21,7 +21,7 @@ from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.conduct.standing import TIE
 from pytest_rvads.logic.rules.book import rules_for
-from pytest_rvads.satellites.starts.trials import Fault, fault_of
+from pytest_rvads.satellites.starts.lines import Fault, fault_of
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.classes import Orbits
 from pytest_rvads.scenarios.configurations import ARRIVALS, grid

@@ -12,7 +12,7 @@ from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.satellites.relations.metamorphic import compare
-from pytest_rvads.satellites.relations.relations import RELATIONS
+from pytest_rvads.satellites.relations.variants import RELATIONS
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.configurations import configuration
 from pytest_rvads.scenarios.scenario import Scenario

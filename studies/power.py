@@ -9,8 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from pytest_rvads.cli import answer
-from pytest_rvads.cli.common import progress
-from pytest_rvads.cli.shared_options import opened_executor, share
+from pytest_rvads.cli.common import opened_executor, progress, share
 from pytest_rvads.drivers.traffic import traffic
 from pytest_rvads.simulators.simulator import named
 from pytest_rvads.support.errors import ScenarioError

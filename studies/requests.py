@@ -13,7 +13,7 @@ from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.runs.readers import Edge
 from pytest_rvads.runs.run import Run
-from pytest_rvads.satellites.paper.experiment import outcome
+from pytest_rvads.satellites.paper.tables import outcome
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import Simulator, simulate

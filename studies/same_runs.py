@@ -16,7 +16,7 @@ from random import Random
 from statistics import median
 
 from pytest_rvads.geometry.finder import find
-from pytest_rvads.satellites.starts.starts import lines_at
+from pytest_rvads.satellites.starts.lines import lines_at
 from pytest_rvads.scenarios.configurations import ARRIVALS, grid
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.scenarios.selection import Selection

@@ -9,8 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from pytest_rvads.cli import answer
-from pytest_rvads.cli.common import progress, say
-from pytest_rvads.cli.shared_options import opened_executor, share
+from pytest_rvads.cli.common import opened_executor, progress, say, share
 from pytest_rvads.simulators.simulator import named
 from pytest_rvads.support.errors import ScenarioError, suggest
 from studies.agreement import agree, text_agreements

@@ -9,8 +9,7 @@ import pytest
 import pytest_rvads as rvads
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.runs.run import Run
-from pytest_rvads.satellites.starts.starts import STEP
-from pytest_rvads.satellites.starts.trials import Setting
+from pytest_rvads.satellites.starts.lines import STEP, Setting
 from pytest_rvads.scenarios.scenario import Scenario
 
 Make = Callable[..., Run]

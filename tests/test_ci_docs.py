@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from pytest_rvads.cli import main
-from pytest_rvads.cli.init_command import WORKFLOW, template
+from pytest_rvads.cli.first_commands import WORKFLOW, template
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "ci.md").read_text("utf-8")

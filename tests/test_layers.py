@@ -83,6 +83,13 @@ def imports() -> nx.DiGraph:
     return graph
 
 
+def test_core_names_no_satellite() -> None:
+    """The stub and the public modules apart, which hold names of both."""
+    public = [PACKAGE / f"{name}.py" for name in PUBLIC_MODULES]
+    core = [file for file in PACKAGE.rglob("*.py") if PACKAGE / "satellites" not in file.parents and file not in public]
+    assert [file for file in core if "satellites" in file.read_text(encoding="utf-8")] == []
+
+
 def test_no_modules_import_each_other_not_even_late() -> None:
     assert [circle for circle in nx.strongly_connected_components(imports()) if len(circle) > 1] == []
 

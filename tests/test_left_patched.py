@@ -4,7 +4,7 @@ from types import ModuleType
 
 import pytest
 
-from pytest_rvads.satellites.starts import trials
+from pytest_rvads.satellites.starts import lines
 
 from .left_patched import Attributes
 
@@ -25,7 +25,7 @@ def attributes(monkeypatch: pytest.MonkeyPatch) -> Attributes:
 
 @pytest.mark.parametrize("everything", [False, True])
 @pytest.mark.parametrize("leaves", LEAVES.values(), ids=LEAVES)
-@pytest.mark.parametrize(("owner", "name"), [(trials.Setting, "judged"), (trials, "rank"), (trials, "_TIMID")])
+@pytest.mark.parametrize(("owner", "name"), [(lines.Setting, "judged"), (lines, "rank"), (lines, "_TIMID")])
 def test_what_is_left_replaced_is_named_and_restored(
     attributes: Attributes, owner: type | ModuleType, name: str, leaves: object, everything: bool
 ) -> None:
@@ -35,28 +35,28 @@ def test_what_is_left_replaced_is_named_and_restored(
     inner.setattr(owner, name, 2)
     leaves(outer, inner)  # type: ignore[operator]
     (left,) = attributes.restore(everything=everything)
-    assert left in (f"pytest_rvads.satellites.starts.trials.{name}", f"pytest_rvads.satellites.starts.trials.Setting.{name}")
+    assert left in (f"pytest_rvads.satellites.starts.lines.{name}", f"pytest_rvads.satellites.starts.lines.Setting.{name}")
     assert getattr(owner, name) is original
     assert attributes.restore(everything=True) == []
 
 
 def test_a_replacement_without_pytest_is_found_among_everything(attributes: Attributes) -> None:
-    original, trials.rank = trials.rank, len  # type: ignore[assignment]
+    original, lines.rank = lines.rank, len  # type: ignore[assignment]
     assert attributes.restore(everything=False) == []
-    assert attributes.restore(everything=True) == ["pytest_rvads.satellites.starts.trials.rank"]
-    assert trials.rank is original
+    assert attributes.restore(everything=True) == ["pytest_rvads.satellites.starts.lines.rank"]
+    assert lines.rank is original
 
 
 def test_what_a_wider_fixture_replaces_is_found_at_the_end_of_its_file(attributes: Attributes) -> None:
     patch = pytest.MonkeyPatch()
-    patch.setattr(trials.Setting, "judged", 1)
+    patch.setattr(lines.Setting, "judged", 1)
     attributes.forget()
     assert attributes.restore(everything=False) == []
-    assert attributes.restore(everything=True) == ["pytest_rvads.satellites.starts.trials.Setting.judged"]
+    assert attributes.restore(everything=True) == ["pytest_rvads.satellites.starts.lines.Setting.judged"]
 
 
 def test_what_is_undone_is_not_named(attributes: Attributes) -> None:
     with pytest.MonkeyPatch.context() as outer, pytest.MonkeyPatch.context() as inner:
-        outer.setattr(trials.Setting, "judged", 1)
-        inner.setattr(trials.Setting, "judged", 2)
+        outer.setattr(lines.Setting, "judged", 1)
+        inner.setattr(lines.Setting, "judged", 2)
     assert attributes.restore(everything=False) == []

@@ -30,7 +30,7 @@ from pytest_rvads.cli import main as command
 from pytest_rvads.drivers.walking import BEHAVIOURS
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.runs.recording import zones
-from pytest_rvads.satellites.paper.experiment import TABLES, Setup, entries, run_entry
+from pytest_rvads.satellites.paper.tables import TABLES, Setup, entries, run_entry
 from pytest_rvads.scenarios.configurations import grid
 from pytest_rvads.scenarios.pedestrians import walks_of
 from pytest_rvads.scenarios.selection import Selection

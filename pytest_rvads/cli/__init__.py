@@ -15,15 +15,7 @@ from itertools import pairwise
 from textwrap import wrap
 
 from pytest_rvads import __version__
-from pytest_rvads.cli import (
-    check_commands,
-    docs_command,
-    dynamics_command,
-    init_command,
-    map_commands,
-    replay_command,
-    report_commands,
-)
+from pytest_rvads.cli import check_commands, dynamics_command, first_commands, map_commands, replay_command, report_commands
 from pytest_rvads.cli.common import warn
 from pytest_rvads.support.errors import RvadsError, located
 from pytest_rvads.support.installed import entries, load
@@ -52,15 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="side on which traffic keeps, for maps of lanelets that do not show the side (also the variable RVADS_HAND)",
     )
     commands = parser.add_subparsers(prog="rvads", required=True, metavar="COMMAND", help=argparse.SUPPRESS)
-    for module in (
-        init_command,
-        map_commands,
-        check_commands,
-        dynamics_command,
-        report_commands,
-        replay_command,
-        docs_command,
-    ):
+    for module in (first_commands, map_commands, check_commands, dynamics_command, report_commands, replay_command):
         module.declare(commands)
     for name in entries("commands"):
         load("commands", name).declare(commands)

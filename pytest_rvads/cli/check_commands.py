@@ -8,8 +8,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pytest_rvads.cli.common import Subparsers, make_folder, named_rules, say
-from pytest_rvads.cli.shared_options import processes, share
+from pytest_rvads.cli.common import Subparsers, make_folder, named_rules, processes, say, share
 from pytest_rvads.support.errors import FormulaError
 from pytest_rvads.support.installed import load
 

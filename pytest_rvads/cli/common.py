@@ -1,18 +1,25 @@
-"""Functions that commands share: signals, progress, reading lines, finding rules and printing."""
+"""What commands share: options, and the driver and executor that options name; signals, progress, finding rules and printing.
+
+The library distributed (Dask) is imported only for ``-j ADDRESS``. Callers of `rvads.campaign` pass an executor.
+"""
 
 from __future__ import annotations
 
 import argparse
+import os
 import shutil
 import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from pytest_rvads.support.errors import RvadsError
+from pytest_rvads.support.errors import AutopilotError, RvadsError, ScenarioError, needs
+from pytest_rvads.support.executors import Apart
 from pytest_rvads.support.wording import printable
 
 if TYPE_CHECKING:
@@ -26,6 +33,38 @@ MAP_FORMATS = "OpenDRIVE, Lanelet2 or CommonRoad"
 """The formats of maps that are read, for the help of options."""
 Subparsers: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 """The object of argparse to which a module adds its commands."""
+_SHARED: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
+    "autopilot": (("--autopilot",), {"metavar": "NAME", "help": "driver: module:name, reference, or a traffic policy"}),
+    "sut": (("--sut",), {"metavar": "COMMAND", "help": "driver: a program that speaks the protocol of stacks"}),
+    "simulator": (("--simulator",), {"metavar": "NAME", "help": "simulator of the runs, a name or module:name"}),
+    "traffic": (("--traffic",), {"metavar": "POLICY", "help": "driver of the other vehicles (default: reference)"}),
+    "occupancy": (
+        ("--occupancy",),
+        {"choices": ("arms", "lanes"), "default": "arms", "help": "a vehicle per arm or per lane (default: arms)"},
+    ),
+    "rules": (
+        ("--rules",),
+        {"action": "append", "metavar": "RULE", "help": "a rule, rulebook or file of rules; repeatable (default: road)"},
+    ),
+    "map": (("--map",), {"metavar": "FILE", "help": f"map file ({MAP_FORMATS}) of the junction"}),
+    "junction": (("--junction",), {"metavar": "ID", "help": "junction: an id in the map, or a built-in name"}),
+    "workers": (
+        ("-j", "--workers"),
+        {
+            "metavar": "N|ADDRESS",
+            "help": "number of processes (default: one per processor), or the Dask scheduler whose workers are used, such as "
+            "tcp://10.0.0.1:8786",
+        },
+    ),
+    "baseline": (("--baseline",), {"metavar": "FILE.json", "help": "report of an earlier session, to compare with"}),
+    "strict": (("--strict",), {"action": "store_true", "help": "stop at the first line that can't be read"}),
+    "json": (("--json",), {"action": "store_true", "help": "print one JSON object"}),
+    "svg": (("--svg",), {"metavar": "OUT", "help": "also draw the answer into this file"}),
+    "output": (("-o", "--output"), {"metavar": "OUT", "help": "file to write"}),
+}
+"""The options that several commands have, each declared once: flags, and settings of `argparse`."""
+_PATIENCE = 20
+"""Longest time for a scheduler to answer, at the beginning and after a lost connection [s]."""
 
 
 def number(name: str, least: float, most: float, kind: type = float) -> Callable[[str], Any]:
@@ -126,3 +165,90 @@ def show(report: Report) -> None:
 def warn(text: str) -> None:
     """Print a text on standard error, without control characters."""
     print(printable(text, len(text)), file=sys.stderr)
+
+
+def share(parser: argparse._ActionsContainer, *names: str, **changed: Any) -> None:
+    """Add options that several commands have; `changed` replaces settings of `argparse` that differ at this command."""
+    for name in names:
+        flags, settings = _SHARED[name]
+        parser.add_argument(*flags, **(settings | changed))
+
+
+def declare_driver(parser: argparse.ArgumentParser) -> None:
+    """Add the options ``--autopilot`` and ``--sut``, which name the driver of the vehicle under test, to a command."""
+    share(parser.add_mutually_exclusive_group(), "autopilot", "sut")
+
+
+@contextmanager
+def opened_driver(options: argparse.Namespace) -> Iterator[Any]:
+    """Yield the driver that the options name; a program that drives is ended when the context ends."""
+    from pytest_rvads.drivers.naming import chosen
+
+    if options.sut is not None:
+        from pytest_rvads.drivers.stacks.process import Process
+
+        with Process(options.sut) as stack:
+            if shutil.which(stack.command[0]) is None:
+                raise AutopilotError(
+                    f"--sut must be the command of a program that exists and may be executed, got {options.sut!r}"
+                )
+            yield stack
+    elif options.autopilot is not None:
+        yield chosen(options.autopilot, Path.cwd(), "--autopilot")
+    else:
+        raise AutopilotError(
+            "no driver is named: name the driver by --autopilot module:name or --sut COMMAND (--autopilot reference for the "
+            "reference driver)"
+        )
+
+
+@contextmanager
+def opened_executor(options: argparse.Namespace) -> Iterator[Executor | int]:
+    """Yield the executor that the options name, for `spread` and `campaign`; a connection to a scheduler is closed at the end."""
+    if options.workers is None or options.workers.lstrip("-").isdecimal():
+        yield Apart(processes(options))
+        return
+    if not find_spec("distributed"):
+        raise RvadsError(needs("-j ADDRESS", "distributed", "dask"))
+    from distributed import Client
+
+    try:
+        client = Client(options.workers, timeout=_PATIENCE, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise RvadsError(
+            f"no Dask scheduler answers at {options.workers!r} ({type(error).__name__}: {error}): expected an address such as "
+            "tcp://10.0.0.1:8786, as `dask scheduler` prints it"
+        ) from error
+    try:
+        yield client.get_executor(pure=False)
+    finally:
+        client.close(timeout=_PATIENCE)
+
+
+def declare_rules(parser: argparse.ArgumentParser) -> None:
+    """Add the option ``--rules`` to a command whose other arguments stand before its options: it takes several rules at once."""
+    help = "rules, rulebooks or files of rules (default: road)"
+    share(parser, "rules", action="extend", nargs="+", help=help)
+
+
+def processes(options: argparse.Namespace, usual: int | None = None) -> int:
+    """Return the number of processes that ``-j`` states, by default `usual` or one per processor."""
+    text = options.workers or str(usual or os.cpu_count() or 1)
+    if not text.lstrip("-").isdecimal():
+        raise ScenarioError(f"--workers must be a number of processes for this command, got {text!r}")
+    if int(text) < 1:
+        raise ScenarioError(f"--workers must be at least 1, got {text}")
+    return int(text)
+
+
+def conflicting(map: str) -> list[str]:
+    """Return the ids of the junctions of a map in which ways conflict."""
+    from pytest_rvads.geometry.conflicts import JunctionKind
+    from pytest_rvads.geometry.road_map import describe, read_map
+
+    return [one["id"] for one in describe(read_map(map))["junctions"] if one["kind"] not in (None, JunctionKind.CONFLICT_FREE)]
+
+
+def program(options: argparse.Namespace) -> list[str]:
+    """Return the first words of a command line that repeats a command, with the side of traffic if one was stated."""
+    return ["rvads", *(["--hand", options.hand] if getattr(options, "hand", None) else [])]

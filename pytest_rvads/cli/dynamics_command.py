@@ -15,8 +15,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pytest_rvads.cli.common import Subparsers, progress_for, say
-from pytest_rvads.cli.shared_options import declare_driver, opened_driver, share
+from pytest_rvads.cli.common import Subparsers, declare_driver, opened_driver, progress_for, say, share
 from pytest_rvads.support.errors import ScenarioError
 from pytest_rvads.support.executors import apart
 from pytest_rvads.support.storage import write_file

@@ -17,8 +17,7 @@ from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
-from pytest_rvads.cli.common import MAP_FORMATS, Subparsers, say, warn
-from pytest_rvads.cli.shared_options import share
+from pytest_rvads.cli.common import MAP_FORMATS, Subparsers, say, share, warn
 from pytest_rvads.geometry.segment import NO_LIMIT
 from pytest_rvads.report.svg import document, text
 from pytest_rvads.support.storage import write_file

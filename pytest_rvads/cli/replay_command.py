@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pytest_rvads.cli.common import Subparsers, progress, say, warn
-from pytest_rvads.cli.shared_options import share
+from pytest_rvads.cli.common import Subparsers, progress, say, share, warn
 from pytest_rvads.support.errors import RunError, RvadsError
 from pytest_rvads.support.wording import first, one_line, plural, quoted
 

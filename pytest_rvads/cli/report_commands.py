@@ -12,8 +12,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-from pytest_rvads.cli.common import Subparsers, number, say, show, warn
-from pytest_rvads.cli.shared_options import share
+from pytest_rvads.cli.common import Subparsers, number, say, share, show, warn
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.record import Record, SimulatedItem
 from pytest_rvads.report.session_report import (

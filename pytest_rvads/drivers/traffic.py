@@ -31,8 +31,8 @@ from pytest_rvads.runs.itineraries import ENTRANCE_ZONE
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.runfile import load_run
 from pytest_rvads.runs.states import Agent, Colour, Zone
-from pytest_rvads.satellites.lgsvl import LgsvlLike
 from pytest_rvads.support.errors import AutopilotError, RunError, ScenarioError, suggest
+from pytest_rvads.support.installed import entries, load
 
 ROLL = 2.5
 """Speed at which `RollingStop` crosses its stopping line if no vehicle is in its way [m/s]."""
@@ -218,11 +218,8 @@ POLICIES: dict[str, Factory] = {
     "late_yielder": partial(LateYielder, tie=TIE),
     "red_light_runner": RedLightRunner,
     "stopped": Stopped,
-    "lgsvl": LgsvlLike,
-    "sumo": SumoDriver,
 }
-EVERYWHERE = tuple(name for name, factory in POLICIES.items() if factory is not SumoDriver)
-"""Names of the policies that drive in every simulator."""
+"""The policies by name; further policies are entry points in the group ``rvads.policies``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,8 +242,13 @@ class Policy:
 
 
 def policy_name(factory: Factory) -> str:
-    """Return the name of a traffic policy for the ids of tests: the key in `POLICIES`, or the name of the factory."""
-    return next((name for name, policy in POLICIES.items() if policy is factory), "") or _in_ids(factory)
+    """Return the name of a traffic policy for the ids of tests: the name of a known policy, or the name of the factory."""
+    return next((name for name in policies() if traffic(name) is factory), "") or _in_ids(factory)
+
+
+def policies() -> tuple[str, ...]:
+    """Return the names of all policies."""
+    return *POLICIES, *entries("policies")
 
 
 def traffic(name: str, what: str = "traffic") -> Factory:
@@ -260,9 +262,12 @@ def traffic(name: str, what: str = "traffic") -> Factory:
     Raises:
         ScenarioError: no policy has this name.
     """
-    if name not in POLICIES:
-        raise ScenarioError(f"unknown {what} {name!r}, there are {', '.join(POLICIES)}{suggest(name, POLICIES)}")
-    return POLICIES[name]
+    if name in POLICIES:
+        return POLICIES[name]
+    if name not in entries("policies"):
+        raise ScenarioError(f"unknown {what} {name!r}, there are {', '.join(policies())}{suggest(name, policies())}")
+    policy: Factory = load("policies", name)
+    return policy
 
 
 def _in_ids(factory: Factory) -> str:

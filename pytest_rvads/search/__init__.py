@@ -1,4 +1,4 @@
-"""Searches for faults: falsification, critical starts, metamorphic checks, strategies."""
+"""Searches for faults: falsification, strategies of Hypothesis."""
 
 from importlib import import_module
 

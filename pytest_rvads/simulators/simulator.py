@@ -40,9 +40,9 @@ class Simulator(Protocol):
     ``timing()`` of an autopilot are stored under ``timing`` in `Run.provenance`.
 
     A simulator can have further attributes. ``caveat`` is a sentence on the limits of its results, printed in the header of a
-    session. The conformance tests read ``drivers``, the drivers of the simulator, and ``unsupported``, the checks that the
-    simulator can't pass, each with a reason. ``libraries`` names the packages that the simulator imports when it simulates, and
-    that an extra with the name of the simulator installs.
+    session. The tests for authors of simulators read ``drivers``, the drivers of the simulator, and ``unsupported``, the
+    checks that the simulator can't pass, each with a reason. ``libraries`` names the packages that the simulator imports when it
+    simulates and that an extra with the name of the simulator installs.
     """
 
     @property

@@ -19,16 +19,26 @@ def homes(module: str) -> dict[str, str]:
     return {name.name: str(node.module) for node in stub.body if isinstance(node, ast.ImportFrom) for name in node.names}
 
 
-def public_names(module: str) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
-    """Return the functions `__getattr__` and `__dir__` of a module whose stub imports its public names."""
+def public_names(module: str, group: str = "") -> tuple[Callable[[str], object], Callable[[], list[str]]]:
+    """Return the functions `__getattr__` and `__dir__` of a module whose stub imports its public names.
+
+    The names of entry points in a `group` are names of the module, too.
+    """
 
     def load(name: str) -> object:
         if name == "__all__":
             return sorted(homes(module))
-        if name not in homes(module):
+        if name in homes(module):
+            home = homes(module)[name]
+            value = import_module(f"{home}.{name}") if home == module else getattr(import_module(home), name)
+        elif (
+            group
+            and not name.startswith("_")
+            and name in (installed := import_module("pytest_rvads.support.installed")).entries(group)
+        ):
+            value = installed.load(group, name)
+        else:
             raise AttributeError(f"module {module!r} has no attribute {name!r}")
-        home = homes(module)[name]
-        value = import_module(f"{home}.{name}") if home == module else getattr(import_module(home), name)
         setattr(sys.modules[module], name, value)
         return value
 

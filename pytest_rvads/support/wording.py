@@ -1,7 +1,7 @@
 """Text for users: texts of drivers, stacks and files are made printable; numbers, lists and ids become parts of sentences.
 
 A value that a notebook shows does not import the module that draws the value, so that judging and driving never load code for
-pictures. `shown` imports the drawing module by name when a notebook asks for a picture.
+pictures. `shown` finds what draws by an entry point when a notebook asks for a picture.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import shlex
 import sys
 from collections.abc import Sequence
 from html import escape
-from importlib import import_module
+from importlib.metadata import entry_points
 from typing import TextIO
 
 _UNFIT = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff\ufffe\uffff]")
@@ -20,8 +20,6 @@ _UNFIT = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud80
 
 _EXPANDED = re.compile(r"[\"$`\\!]")
 """Characters that a shell interprets between double quotes."""
-
-_DRAWS = "pytest_rvads.satellites.notebook"
 
 
 def printable(text: str, most: int = 4096) -> str:
@@ -81,8 +79,9 @@ def page(name: str = "") -> str:
 
 
 def shown(value: object) -> str:
-    """Return a value as HTML, as `pytest_rvads.satellites.notebook.html` draws it."""
-    return str(import_module(_DRAWS).html(value))
+    """Return a value as HTML, drawn by the function of the entry point ``html`` in the group ``rvads.displays``."""
+    display = next(iter(entry_points(group="rvads.displays", name="html")))
+    return str(display.load()(value))
 
 
 def show_lists(kind: type) -> None:

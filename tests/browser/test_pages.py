@@ -22,7 +22,7 @@ from pytest_rvads.runs.recording import Recording
 from pytest_rvads.runs.recording import Track as Samples
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Kind
-from pytest_rvads.satellites.lgsvl.pilot import LgsvlLike
+from pytest_rvads.satellites.lgsvl import LgsvlLike
 from pytest_rvads.satellites.pages.page import page
 from pytest_rvads.satellites.pages.replay import Track, replay
 from pytest_rvads.scenarios.case import Case

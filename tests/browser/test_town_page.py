@@ -14,7 +14,7 @@ from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.record import Record, conclude, planned_record
 from pytest_rvads.report.session_report import Report
-from pytest_rvads.satellites.campaigns.town_map import MarkedJunction, town_picture
+from pytest_rvads.satellites.campaigns.town import MarkedJunction, town_picture
 from pytest_rvads.satellites.pages.page import page
 
 Chrome = Any  # of selenium.webdriver, which not everybody has

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from pytest_rvads.cli import main, shared_options
-from pytest_rvads.cli.shared_options import opened_executor, share
+from pytest_rvads.cli import common, main
+from pytest_rvads.cli.common import opened_executor, share
 from pytest_rvads.support.errors import RvadsError
 
 
@@ -34,7 +34,7 @@ def test_a_command_takes_processes_or_a_scheduler(capsys: pytest.CaptureFixture[
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nowhere at all"])
 def test_where_no_scheduler_answers_it_is_said(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr(shared_options, "_PATIENCE", 0.5)
+    monkeypatch.setattr(common, "_PATIENCE", 0.5)
     with (
         pytest.raises(RvadsError, match=f"no Dask scheduler answers at '{address}' .*expected an address"),
         opened_executor(parsed("-j", address)),
@@ -46,7 +46,7 @@ def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     def find(name: str, *rest: Any) -> Any:
         return None
 
-    monkeypatch.setattr(shared_options, "find_spec", find)
+    monkeypatch.setattr(common, "find_spec", find)
     assert util.find_spec is not find
     with pytest.raises(RvadsError, match=r"pip install 'pytest-rvads\[dask\]'"), opened_executor(parsed("-j", "x")):
         pass

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from pytest_rvads.cli import main
-from pytest_rvads.cli.init_command import WORKFLOW
+from pytest_rvads.cli.first_commands import WORKFLOW
 from pytest_rvads.geometry.opendrive.map_file import path_of
 from tools.crossings import Layout, opendrive
 

@@ -13,7 +13,7 @@ import pytest_rvads as rvads
 from pytest_rvads.drivers.naming import called, name_of
 from pytest_rvads.geometry.ways import Movement
 from pytest_rvads.runs.states import Agent
-from pytest_rvads.satellites.relations.relations import renamed
+from pytest_rvads.satellites.relations.variants import renamed
 from pytest_rvads.simulators.seat import crew
 
 AGENTS = [Agent(f"a{k}", Movement(k, (k + 2) % 4, rvads.values.Turn.STRAIGHT, 10.0, "m")) for k in range(2)]

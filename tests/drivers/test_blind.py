@@ -9,7 +9,7 @@ import pytest_rvads as rvads
 from pytest_rvads.cli import main
 from pytest_rvads.geometry.finder import choose_among
 from pytest_rvads.logic.rules.book import rules_for
-from pytest_rvads.satellites.campaigns.town_plan import Plan, Request
+from pytest_rvads.satellites.campaigns.town import Plan, Request
 from pytest_rvads.scenarios.configurations import ARRIVALS, grid
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.scenarios.selection import Selection

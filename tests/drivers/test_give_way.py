@@ -15,7 +15,7 @@ from pytest_rvads.drivers.give_way import GiveWay
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.signs_and_lights import Queue
-from pytest_rvads.drivers.traffic import EVERYWHERE, traffic
+from pytest_rvads.drivers.traffic import traffic
 from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.finder import find, load
 from pytest_rvads.geometry.junction import Junction
@@ -29,6 +29,8 @@ from pytest_rvads.runs.states import Colour, Vehicle, VehicleState, Zone
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
+
+from ..policies import EVERYWHERE
 
 ROAD = partial(Reference, tie=TIE)
 NONE, STOP, YIELD, PRIORITY = Sign.NONE, Sign.STOP, Sign.YIELD, Sign.PRIORITY

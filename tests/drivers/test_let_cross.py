@@ -12,11 +12,13 @@ from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.let_cross import BEFORE, BRIEFLY
 from pytest_rvads.drivers.signs_and_lights import WAIVER
 from pytest_rvads.drivers.spacing import STAND_OFF
-from pytest_rvads.drivers.traffic import EVERYWHERE, traffic
+from pytest_rvads.drivers.traffic import traffic
 from pytest_rvads.drivers.walking import BEHAVIOURS
 from pytest_rvads.geometry.crosswalks import MODERATE, Side
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.rules.book import rules_for
+
+from ..policies import EVERYWHERE
 
 REFERENCE = partial(rvads.Reference, tie=0.5)
 STANDS = 0.01

@@ -2,12 +2,14 @@
 
 import pytest
 
-from pytest_rvads.drivers.traffic import EVERYWHERE, traffic
+from pytest_rvads.drivers.traffic import traffic
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.satellites.relations.metamorphic import compare
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.configurations import configuration
 from pytest_rvads.scenarios.scenario import Scenario
+
+from ..policies import EVERYWHERE
 
 POINTS = {"light4": ("2332", "I", ("mirror",)), "stop4": ("1230", "E", ("rotation",))}
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.drivers.traffic import EVERYWHERE, traffic
+from pytest_rvads.drivers.traffic import traffic
 from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
@@ -26,6 +26,8 @@ from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.configurations import PAPER, configuration
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
+
+from ..policies import EVERYWHERE
 
 JUNCTIONS = ("stop4", "light4", "stop3", "light3")
 DRIVERS: dict[str, Callable[[], Any]] = {"paper": Reference, "road": partial(Reference, tie=TIE)}

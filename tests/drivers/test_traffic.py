@@ -11,7 +11,6 @@ from pytest_rvads.drivers.follower import Follower
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.naming import chosen
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.drivers.traffic import EVERYWHERE, HESITATION, Policy, Replay, RollingStop, traffic
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.conduct.standing import stopped
@@ -23,6 +22,8 @@ from pytest_rvads.scenarios.configurations import configuration, started
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
 from pytest_rvads.support.errors import RunError, ScenarioError
+
+from ..policies import EVERYWHERE
 
 Among = Callable[[str, str], Run]
 

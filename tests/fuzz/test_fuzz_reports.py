@@ -32,7 +32,7 @@ from pytest_rvads.report.scene import picture
 from pytest_rvads.report.session_report import Change, Comparison, Report, cell_of
 from pytest_rvads.report.terminal import summary
 from pytest_rvads.runs.run import Fault, Run
-from pytest_rvads.satellites.lgsvl.pilot import LgsvlLike
+from pytest_rvads.satellites.lgsvl import LgsvlLike
 from pytest_rvads.satellites.pages.replay import Track, replay
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario

@@ -14,8 +14,7 @@ from pytest_rvads.geometry.ways import Entrance, Exit, Movement
 from pytest_rvads.logic.conduct.static_model import extract
 from pytest_rvads.logic.judging.instances import ground
 from pytest_rvads.logic.rules.rule import parse
-from pytest_rvads.satellites.relations.relations import RELATIONS, Incomparable, Variant
-from pytest_rvads.satellites.relations.remap import Symmetry, broken_by, rotations_of
+from pytest_rvads.satellites.relations.variants import RELATIONS, Incomparable, Symmetry, Variant, broken_by, rotations_of
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.search.strategies import scenarios
 

@@ -16,7 +16,7 @@ from pytest_rvads.geometry.opendrive.map_file import NAMES, path_of
 from pytest_rvads.geometry.road_map import read_map
 from pytest_rvads.geometry.segment import NO_LIMIT, Pose, Segment
 from pytest_rvads.geometry.turns import Turn
-from pytest_rvads.satellites.relations.remap import moved
+from pytest_rvads.satellites.relations.variants import moved
 from pytest_rvads.support.errors import MapError
 from tools.crossings import Layout, joined, opendrive
 from tools.make_maps import CROSSINGS, LAYOUTS

@@ -15,7 +15,7 @@ from pytest_rvads.geometry.finder import find, names
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.geometry.ways import CONFLICT_WIDTH, Key
-from pytest_rvads.satellites.relations.remap import mirrored
+from pytest_rvads.satellites.relations.variants import mirrored
 from tools.crossings import Layout, opendrive
 
 JUNCTIONS = [*names(), *(f"{name} in a mirror" for name in ("stop4", "stop3", "light4", "light3"))]

@@ -8,7 +8,7 @@ import math
 from dataclasses import replace
 
 import pytest_rvads as rvads
-from pytest_rvads.satellites.relations.remap import mirrored
+from pytest_rvads.satellites.relations.variants import mirrored
 
 from .cases import Case, at
 from .drivers import beside, gated, lawful, paced, stops_at

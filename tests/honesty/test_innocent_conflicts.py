@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.drivers.traffic import EVERYWHERE
 
+from ..policies import EVERYWHERE
 from .cases import Case, at, verdicts
 from .drivers import beside, cast, gated, lawful, paced, stops_at
 from .shown import shows_each

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest_rvads as rvads
 from pytest_rvads.drivers.traffic import LateYielder
-from pytest_rvads.satellites.relations.remap import mirrored
+from pytest_rvads.satellites.relations.variants import mirrored
 from tools.crossings import Layout, opendrive
 
 from .cases import Case, at

@@ -34,7 +34,7 @@ from pytest_rvads.logic.rules.vocabulary import Sort
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, Zone
 from pytest_rvads.satellites.live.rule_monitor import RuleMonitor
-from pytest_rvads.satellites.relations.remap import mirrored
+from pytest_rvads.satellites.relations.variants import mirrored
 
 from ..run_builders import coarse
 

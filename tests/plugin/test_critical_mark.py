@@ -13,9 +13,10 @@ import pytest_rvads as rvads
 from pytest_rvads.geometry.opendrive.map_file import path_of
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.runs.run import Run
-from pytest_rvads.satellites.starts.trials import Setting
+from pytest_rvads.satellites.starts.lines import Setting
 from pytest_rvads.scenarios.ids import from_id
 from pytest_rvads.simulators.loop import usual
+from pytest_rvads.support.installed import load
 
 from ..synthetic_starts import Answer, judged_by
 from .conftest import Lines
@@ -147,6 +148,10 @@ def test_wrong_argument_is_shown_with_the_line_of_the_mark_and_without_a_traceba
 def test_wrong_argument_is_refused_when_the_test_is_defined(arguments: dict[str, Any], message: str) -> None:
     with pytest.raises(rvads.errors.ScenarioError, match=message):
         rvads.critical(**{"junction": "stop4", **arguments})
+
+
+def test_mark_is_the_entry_point_of_the_package() -> None:
+    assert rvads.critical is load("marks", "critical")
 
 
 def test_class_is_refused() -> None:

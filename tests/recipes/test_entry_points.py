@@ -1,5 +1,6 @@
-"""Packages of others add simulators, map formats, formats of tracks and reports, and commands by entry points."""
+"""Packages of others add simulators, marks, policies, formats of maps, tracks and reports, and commands by entry points."""
 
+import json
 import os
 import re
 import subprocess
@@ -21,7 +22,11 @@ def test_rules(run, rule, monitor):
     monitor.verdict(rule)
 """
 MODULE = """
+import pytest_rvads as rvads
 from pytest_rvads.geometry.opendrive.builder import read_network
+from pytest_rvads.session.collection.cells import Cell
+from pytest_rvads.session.collection.misuse import caller
+from pytest_rvads.session.collection.searching import Found, SearchMark, Shown
 from pytest_rvads.satellites.tracks.csvfile import read_csv
 from pytest_rvads.satellites.tracks.logformats import Format
 
@@ -35,6 +40,20 @@ class Mine:
 
 mine = Mine()
 beacons = Format(read_csv, (".beacons",))
+
+class Sleepy(rvads.Reference):
+    pass
+
+def slowest(junction, speeds):
+    def search(asked):
+        scenario = rvads.Scenario(rvads.find(junction), "1000", subject=0, distance=20, speed=asked.target, duration=1)
+        run = rvads.simulate(rvads.Case(scenario, asked.driver, fleet=asked.fleet), asked.simulator)
+        failure = rvads.RuleViolation(f"{asked.target} m/s is too slow") if asked.target < 2 else None
+        return Found(failure, Shown(scenario, run, [rvads.check(run, "full_stop")], None))
+
+    scenario = rvads.Scenario(rvads.find(junction), "1000", subject=0)
+    cells = [Cell(scenario, None, None, f"v{speed}", f"v{speed}", {"junction": junction}, ()) for speed in speeds]
+    return SearchMark("slowest", caller(), None, search, list(zip(speeds, cells)))
 
 def words(report, folder):
     return f"{len(report.records)} items, {folder.name}"
@@ -53,6 +72,10 @@ gone = no_such_module:gone
 own = own_package:read_network
 [rvads.logs]
 beacons = own_package:beacons
+[rvads.marks]
+slowest = own_package:slowest
+[rvads.policies]
+sleepy = own_package:Sleepy
 [rvads.reports]
 words = own_package:words
 octets = own_package:octets
@@ -105,6 +128,33 @@ def test_names_of_another_package_are_known_to_commands(tmp_path: Path, words: t
     done = run(tmp_path, *words)
     assert done.returncode == 2
     assert re.search(message, done.stderr)
+
+
+@pytest.mark.extended
+def test_mark_of_another_package_makes_items_that_search_and_report(tmp_path: Path) -> None:
+    (tmp_path / "test_it.py").write_text(
+        "import pytest_rvads as rvads\n\n@rvads.slowest('stop4', [1, 3])\ndef test_gaps():\n    print('the body runs')\n", "utf-8"
+    )
+    done = run(tmp_path, "-rA", "--rvads-autopilot=reference", "--rvads-report=out.json", program=PYTEST)
+    assert "RuleViolation: 1 m/s is too slow" in done.stdout
+    assert "test_it.py::test_gaps[v3]" in done.stdout
+    assert done.stdout.count("\nthe body runs") == 1
+    slow, fast = json.loads((tmp_path / "out.json").read_text("utf-8"))["records"]
+    assert (slow["outcome"], fast["outcome"], fast["junction"]) == ("failed", "passed", "stop4")
+    assert slow["driver"].endswith(".Reference")
+    assert slow["hash"] != fast["hash"]
+
+
+@pytest.mark.extended
+def test_policy_of_another_package_has_its_name(tmp_path: Path) -> None:
+    code = (
+        "import own_package, pytest_rvads as rvads; from pytest_rvads.drivers.traffic import policy_name;"
+        "print(policy_name(own_package.Sleepy), rvads.traffic('sleepy').__name__); rvads.traffic('slepy')"
+    )
+    done = run(tmp_path, "-c", code, program=[sys.executable])
+    assert done.stdout == "sleepy Sleepy\n"
+    assert "there are reference, " in done.stderr
+    assert "lgsvl, sleepy, sumo; did you mean 'sleepy'?" in done.stderr.replace(": did", "; did")
 
 
 @pytest.mark.extended

@@ -16,7 +16,7 @@ from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.recording import Period, Recording, Track
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Zone
-from pytest_rvads.satellites.lgsvl.pilot import LgsvlLike
+from pytest_rvads.satellites.lgsvl import LgsvlLike
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate

@@ -14,7 +14,7 @@ from pytest_rvads.geometry.segment import Segment
 from pytest_rvads.physics.body import start
 from pytest_rvads.physics.engines import BulletWorld
 from pytest_rvads.runs.states import Vehicle
-from pytest_rvads.satellites.campaigns.town_plan import Plan, Request
+from pytest_rvads.satellites.campaigns.town import Plan, Request
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.configurations import configuration, explicit, forks, near, started
 from pytest_rvads.scenarios.scenario import Scenario

@@ -13,8 +13,7 @@ from hypothesis.database import DirectoryBasedExampleDatabase
 
 import pytest_rvads as rvads
 from pytest_rvads.drivers.interface import Control, Observation
-from pytest_rvads.search.counterexample import pasteable
-from pytest_rvads.search.falsify import broken, look_for
+from pytest_rvads.search.falsify import broken, look_for, pasteable
 from pytest_rvads.simulators.loop import usual
 from pytest_rvads.simulators.patience import Watch
 

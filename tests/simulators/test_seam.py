@@ -16,7 +16,7 @@ import pytest
 import pytest_rvads as rvads
 from pytest_rvads.cli import main
 from pytest_rvads.runs.run import Collision
-from pytest_rvads.satellites.relations.relations import RELATIONS
+from pytest_rvads.satellites.relations.variants import RELATIONS
 from pytest_rvads.search.falsify import look_for
 from pytest_rvads.simulators.driver_dynamics import closed_vmax
 from pytest_rvads.simulators.loop import usual

@@ -5,7 +5,7 @@ from itertools import combinations, islice, product
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.satellites.starts.starts import Begin
+from pytest_rvads.satellites.starts.lines import Begin
 from pytest_rvads.simulators.loop import usual
 from studies import detection, power
 from studies.critical_power import found_by

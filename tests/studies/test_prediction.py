@@ -17,7 +17,7 @@ from pytest_rvads.geometry.segment import join
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.physics.engines import usual
 from pytest_rvads.runs.run import Run
-from pytest_rvads.satellites.lgsvl.scheduler import frame
+from pytest_rvads.satellites.lgsvl import frame
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators.loop import Planar
 from pytest_rvads.simulators.patience import Watch

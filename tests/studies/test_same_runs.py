@@ -10,7 +10,7 @@ import pytest_rvads as rvads
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.satellites.starts.critical import critical_starts
-from pytest_rvads.satellites.starts.starts import Begin, lines_at
+from pytest_rvads.satellites.starts.lines import Begin, lines_at
 from studies.critical_power import Find, found_by, settings
 from studies.same_runs import POOLS, SameRuns, first_runs, interval_of_median, row, rules_shown, summary
 

@@ -6,8 +6,7 @@ import argparse
 from collections.abc import Mapping
 from pathlib import Path
 
-from pytest_rvads.cli.common import Subparsers, say
-from pytest_rvads.cli.shared_options import share
+from pytest_rvads.cli.common import Subparsers, say, share
 from pytest_rvads.support.errors import RunError, ScenarioError
 
 

@@ -28,10 +28,9 @@ from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.report.scene import picture
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Zone
-from pytest_rvads.satellites.lgsvl import Constants, LgsvlLike
-from pytest_rvads.satellites.lgsvl.pilot import Pilot
-from pytest_rvads.satellites.lgsvl.scheduler import Box, Scheduler, zone_of
-from pytest_rvads.satellites.paper.experiment import (
+from pytest_rvads.satellites.lgsvl import Box, Constants, LgsvlLike, Pilot, Scheduler, zone_of
+from pytest_rvads.satellites.paper.tables import (
+    FITTED,
     LIGHT,
     ROWS,
     STOP,
@@ -43,9 +42,10 @@ from pytest_rvads.satellites.paper.experiment import (
     crossing_wait,
     entries,
     judge,
+    null_models,
+    published,
     run_entry,
 )
-from pytest_rvads.satellites.paper.tables import FITTED, null_models, published
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators.loop import usual
 from pytest_rvads.support.errors import RunError

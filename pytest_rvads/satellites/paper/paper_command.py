@@ -7,8 +7,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pytest_rvads.cli.common import Subparsers, progress, progress_for
-from pytest_rvads.cli.shared_options import opened_executor, share
+from pytest_rvads.cli.common import Subparsers, opened_executor, progress, progress_for, share
 from pytest_rvads.support.errors import ScenarioError
 from pytest_rvads.support.storage import write_file
 
@@ -37,7 +36,7 @@ def declare(commands: Subparsers) -> None:
 
 def _paper(options: argparse.Namespace) -> int:
     from pytest_rvads.satellites.paper import tables
-    from pytest_rvads.satellites.paper.experiment import Setup
+    from pytest_rvads.satellites.paper.tables import Setup
     from pytest_rvads.simulators.simulator import named
 
     with opened_executor(options) as executor:

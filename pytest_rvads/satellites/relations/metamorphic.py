@@ -21,7 +21,7 @@ from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.states import Kind, Zone
-from pytest_rvads.satellites.relations.relations import RELATIONS, Incomparable, Variant
+from pytest_rvads.satellites.relations.variants import RELATIONS, Incomparable, Variant
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.classes import rotate
 from pytest_rvads.simulators.simulator import Simulator, simulate

@@ -1,5 +1,9 @@
 """The search ``rvads critical --all-lines``: all starts of two vehicles at which a verdict changes, as a page and as JSON.
 
+Starts are simulated on a grid. Between two neighbours with different verdicts, bisection locates the change down to two starts
+that are `STEP` apart. Verdicts between two simulated starts with equal verdicts are inferred. Random probes show how often an
+inferred verdict differs from a simulated verdict.
+
 The page shows strips, drawn as SVG: rows of coloured bands over a common axis. The axis is the lead of the subject (the vehicle
 under test): how much earlier than the other vehicle the subject would arrive at its line [s].
 """
@@ -8,28 +12,32 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
 from functools import partial
-from itertools import groupby
+from itertools import groupby, pairwise
 from operator import itemgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from random import Random
+from typing import Any, NamedTuple
 
 from pytest_rvads.cli.common import progress, say, warn
-from pytest_rvads.cli.shared_options import again, places, start_of
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.outcome import Mark, Outcome
 from pytest_rvads.report.folders import ROOT, STARTS
-from pytest_rvads.support.errors import RvadsError
+from pytest_rvads.report.outline import Block, Head, Picture, Section
+from pytest_rvads.satellites.pages.page import rendered
+from pytest_rvads.satellites.starts.lines import STEP, Begin, Line, Outcomes, Setting, Start, Trial, lines_at, start_of
+from pytest_rvads.support.errors import RunError, RvadsError, ScenarioError
+from pytest_rvads.support.executors import Progress, spread
 from pytest_rvads.support.storage import check_writable, write_file
 from pytest_rvads.support.wording import markup, plural
 
-if TYPE_CHECKING:
-    from concurrent.futures import Executor
-
-    from pytest_rvads.report.outline import Block
-    from pytest_rvads.satellites.starts.atlas import Atlas, Strip
-    from pytest_rvads.satellites.starts.trials import Setting
-
+LONGEST = 6.0
+"""Greatest lead of either vehicle [s]."""
+_GRID = round(0.5 / STEP)
+"""Distance of the starts that are simulated in any case [steps of `STEP`]."""
 _HELP = (
     "A strip holds all starts of two vehicles. At a lead of +1 s, the subject would reach its line 1 s before the other vehicle "
     "if both kept their speeds; where the two have green at different times, 1 s before its light turns yellow. From rest, the "
@@ -51,10 +59,157 @@ _CHARACTER = 7.0
 """Width of a character, by which a text fits into its band or is left out [px]."""
 
 
-def search_all(options: argparse.Namespace, setting: Setting, executor: Executor | int | None) -> int:
-    """Search all lines of starts for changes of a verdict, print what was found, write the page, and return the exit status."""
-    from pytest_rvads.satellites.starts.atlas import draw_atlas
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """Neighbouring starts of a line with equal verdicts and an equal order of the vehicles."""
 
+    first: int
+    """Least lead of the piece [steps of `STEP`]."""
+    last: int
+    """Greatest lead of the piece [steps of `STEP`]."""
+    start: Start
+
+
+@dataclass(frozen=True, slots=True)
+class Strip:
+    """A line of starts, cut into pieces of equal verdicts."""
+
+    line: Line
+    pieces: tuple[Piece, ...]
+    simulated: tuple[int, ...]
+    """Leads of the simulated starts [steps of `STEP`]; the verdicts of all other starts are inferred."""
+    unfit: str = ""
+    """The reason why the line has no starts; empty for a line with starts."""
+    error: str = ""
+    """The reason why a run of the line has no verdict, such as a fault of the driver; a strip with an error has no pieces."""
+
+    def at(self, lead: int) -> Piece:
+        """Return the piece that contains a lead [steps of `STEP`]."""
+        return next(piece for piece in self.pieces if piece.first <= lead <= piece.last)
+
+
+@dataclass(frozen=True, slots=True)
+class Probe:
+    """A random start whose simulated verdicts differ from the inferred verdicts, or whose run has no verdict."""
+
+    line: Line
+    inferred: Start
+    """A simulated start of the piece."""
+    lead: int
+    """Lead of the random start [steps of `STEP`]."""
+    error: str = ""
+    """The reason why the run of the random start has no verdict; empty for a run with verdicts."""
+
+
+@dataclass(frozen=True, slots=True)
+class Atlas:
+    """The lines of starts of a junction, cut into pieces of equal verdicts, and the random starts with other verdicts."""
+
+    place: Junction
+    groups: tuple[tuple[Strip, ...], ...]
+    """Strips by group; the lines of a group are equal up to a rotation of the junction."""
+    probes: int
+    differing: tuple[Probe, ...]
+
+    @property
+    def strips(self) -> tuple[Strip, ...]:
+        """The strips of all groups (lines of starts, cut into pieces)."""
+        return tuple(strip for group in self.groups for strip in group)
+
+
+def draw_atlas(
+    place: Junction,
+    setting: Setting,
+    *,
+    probes: int,
+    behaviours: Sequence[str] = (),
+    seed: int = 0,
+    executor: Executor | int | None = None,
+    progress: Progress | None = None,
+) -> Atlas:
+    """Return the atlas of a junction: on every line of starts, the leads at which a verdict changes."""
+    groups = lines_at(place, behaviours=behaviours)
+    cut = tuple(spread(partial(_strips, setting), groups, executor, progress, batch=1))
+    strips = [strip for group in cut for strip in group if strip.pieces]
+    drawn: list[list[int]] = [[] for _ in strips]
+    chance = Random(seed)
+    for _ in range(probes if strips else 0):
+        number = chance.randrange(len(strips))
+        low, high = strips[number].pieces[0].first, strips[number].pieces[-1].last
+        drawn[number].append(chance.randint(low, high))
+    jobs = [(strip, leads) for strip, leads in zip(strips, drawn, strict=True) if leads]
+    differing = [probe for found in spread(partial(_probed, setting), jobs, executor, batch=1) for probe in found]
+    return Atlas(place, cut, sum(map(len, drawn)), tuple(differing))
+
+
+def _strips(setting: Setting, group: Sequence[Line]) -> tuple[Strip, ...]:
+    """Return the strips (lines cut into pieces) of a group; the changes of its first line guide the search on the other lines."""
+    strips: list[Strip] = []
+    known: list[int] | None = None
+    for line in group:
+        trial = Trial(setting, line, LONGEST)
+        guesses = known or range(trial.low, trial.high, _GRID)
+        leads = sorted({trial.low, trial.high, *(lead for lead in guesses if trial.low <= lead <= trial.high)})
+        try:
+            for lead in leads:
+                trial.start(lead)
+            for low, high in pairwise(leads):
+                _refine(trial, low, high)
+        except ScenarioError as error:
+            strips.append(Strip(line, (), (), unfit=str(error)))
+            continue
+        except RunError as error:
+            strips.append(Strip(line, (), tuple(start.lead for start in trial.tried()), error=str(error)))
+            continue
+        pieces: list[Piece] = []
+        for start in trial.tried():
+            if pieces and _verdicts(start) == _verdicts(pieces[-1].start):
+                pieces[-1] = Piece(pieces[-1].first, start.lead, pieces[-1].start)
+            else:
+                pieces.append(Piece(start.lead, start.lead, start))
+        if known is None:
+            known = sorted({lead for p in pieces for lead in (p.first, (p.first + p.last) // 2, p.last)})
+        strips.append(Strip(line, tuple(pieces), tuple(start.lead for start in trial.tried())))
+    return tuple(strips)
+
+
+def _refine(trial: Trial, low: int, high: int) -> None:
+    """Simulate starts between two leads until simulated neighbours with different verdicts are `STEP` apart."""
+    if high - low > 1 and _verdicts(trial.start(low)) != _verdicts(trial.start(high)):
+        middle = (low + high) // 2
+        trial.start(middle)
+        _refine(trial, low, middle)
+        _refine(trial, middle, high)
+
+
+def _verdicts(start: Start) -> tuple[bool, Outcomes]:
+    """Return the order of the vehicles and the verdicts at a start, which all starts of a piece have in common."""
+    return start.goes, start.outcomes
+
+
+def _probed(setting: Setting, job: tuple[Strip, Sequence[int]]) -> list[Probe]:
+    """Return the random starts of a line whose simulated verdicts differ from the inferred verdicts, or that have no verdict."""
+    strip, leads = job
+    trial = Trial(setting, strip.line, LONGEST)
+    probes = []
+    for lead in leads:
+        inferred = strip.at(lead).start
+        try:
+            if _verdicts(inferred) != _verdicts(trial.start(lead)):
+                probes.append(Probe(strip.line, inferred, lead))
+        except RunError as error:
+            probes.append(Probe(strip.line, inferred, lead, str(error)))
+    return probes
+
+
+def search_all(
+    options: argparse.Namespace,
+    places: Iterable[Junction],
+    setting: Setting,
+    executor: Executor | int | None,
+    again: Callable[[Junction, str], str],
+) -> int:
+    """Search all lines of starts for changes of a verdict, print what was found, write the page, and return the exit status."""
     page = Path(options.output or f"{ROOT}/{STARTS}")
     try:
         check_writable(page)
@@ -65,7 +220,7 @@ def search_all(options: argparse.Namespace, setting: Setting, executor: Executor
     certificates: list[dict[str, Any]] = []
     stopped: BaseException | None = None
     differs = False
-    for place in places(options):
+    for place in places:
         try:
             atlas = draw_atlas(
                 place,
@@ -80,7 +235,7 @@ def search_all(options: argparse.Namespace, setting: Setting, executor: Executor
             if certificates:
                 warn(f"rvads: INCOMPLETE: the search ended before junction {place.name}")
             break
-        certificates.append(_certificate(atlas, setting, options))
+        certificates.append(_certificate(atlas, setting, options, again))
         without_verdict = [(strip.line, strip.error) for strip in atlas.strips if strip.error]
         without_verdict += [(probe.line, probe.error) for probe in atlas.differing if probe.error]
         differs = differs or bool(atlas.differing or without_verdict)
@@ -99,7 +254,9 @@ def search_all(options: argparse.Namespace, setting: Setting, executor: Executor
     return 1 if differs else 0
 
 
-def _certificate(atlas: Atlas, setting: Setting, options: argparse.Namespace) -> dict[str, Any]:
+def _certificate(
+    atlas: Atlas, setting: Setting, options: argparse.Namespace, again: Callable[[Junction, str], str]
+) -> dict[str, Any]:
     """Return the atlas of a junction (verdicts of all starts of two vehicles) as a JSON object; leads are in seconds."""
     simulated = sum(len(strip.simulated) for strip in atlas.strips)
     drawn = [strip for strip in atlas.strips if strip.pieces]
@@ -116,7 +273,7 @@ def _certificate(atlas: Atlas, setting: Setting, options: argparse.Namespace) ->
         **({"pedestrians": options.pedestrians} if options.pedestrians else {}),
         "rules": [rule.name for rule in setting.rules if rule.concerns(atlas.place)],
         "summary": summary,
-        "groups": [[_strip(strip, setting, options) for strip in group] for group in atlas.groups],
+        "groups": [[_strip(strip, setting, again) for strip in group] for group in atlas.groups],
         "probes": atlas.probes,
         "differing": [
             {"line": str(probe.line), "error": probe.error, **start_of(probe.line, probe.lead, setting)}
@@ -125,14 +282,12 @@ def _certificate(atlas: Atlas, setting: Setting, options: argparse.Namespace) ->
     }
 
 
-def _strip(strip: Strip, setting: Setting, options: argparse.Namespace) -> dict[str, Any]:
-    from pytest_rvads.satellites.starts.starts import STEP, Begin
-
+def _strip(strip: Strip, setting: Setting, again: Callable[[Junction, str], str]) -> dict[str, Any]:
     line = strip.line
     pieces = []
     for piece in strip.pieces:
         worst = next(iter(piece.start.failed()), None)
-        failed = worst and again(options, line.place, setting.id(line.scenario(piece.start.lead)))
+        failed = worst and again(line.place, setting.id(line.scenario(piece.start.lead)))
         pieces.append(
             {
                 "from": round(piece.first * STEP, 2),
@@ -158,11 +313,6 @@ def _strip(strip: Strip, setting: Setting, options: argparse.Namespace) -> dict[
 
 def _page(certificates: Sequence[Mapping[str, Any]]) -> str:
     """Return the HTML page of the atlases of junctions, with a strip per group of movement pairs with equal verdicts."""
-    from pytest_rvads.report.outline import Head, Picture, Section
-    from pytest_rvads.satellites.pages.page import rendered
-    from pytest_rvads.satellites.starts.atlas import LONGEST
-    from pytest_rvads.satellites.starts.starts import STEP
-
     first = certificates[0]
     rules = f"Judged by {', '.join(first['rules'])}."
     read = (*_HELP, *([_WALKING] if "pedestrians" in first else []), rules)

@@ -18,9 +18,8 @@ from pytest_rvads.logic.judging.verdicts import Verdict
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.runs.run import Run
 from pytest_rvads.satellites.relations.metamorphic import side_by_side
-from pytest_rvads.satellites.starts.starts import STEP, Line
-from pytest_rvads.satellites.starts.trials import Fault, Setting, Start, Trial, fault_of, rank
-from pytest_rvads.search.counterexample import pasteable
+from pytest_rvads.satellites.starts.lines import STEP, Fault, Line, Setting, Start, Trial, fault_of, rank
+from pytest_rvads.search.falsify import pasteable
 from pytest_rvads.support.errors import OpenObligation, RuleViolation, RunError, ScenarioError
 from pytest_rvads.support.executors import Progress, spread
 

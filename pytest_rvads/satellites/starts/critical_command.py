@@ -4,28 +4,32 @@ from __future__ import annotations
 
 import argparse
 import json
+import shlex
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pytest_rvads.cli.common import Subparsers, progress, say, terminable, warn
-from pytest_rvads.cli.shared_options import (
-    again,
-    declare_starts,
-    map_of,
+from pytest_rvads.cli.common import (
+    MAP_FORMATS,
+    Subparsers,
+    conflicting,
+    declare_driver,
+    declare_rules,
+    named_rules,
     opened_driver,
     opened_executor,
-    places,
-    setting_of,
+    program,
+    progress,
+    say,
     share,
-    start_of,
+    terminable,
+    warn,
 )
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.folders import ROOT, STARTS
 from pytest_rvads.report.session_report import NOTHING_JUDGED, exit_status
-from pytest_rvads.satellites.starts.all_lines import search_all
-from pytest_rvads.support.errors import RvadsError, ScenarioError
+from pytest_rvads.support.errors import MapError, RvadsError, ScenarioError
 from pytest_rvads.support.executors import apart
 from pytest_rvads.support.storage import write_file
 from pytest_rvads.support.wording import plural
@@ -33,7 +37,7 @@ from pytest_rvads.support.wording import plural
 if TYPE_CHECKING:
     from pytest_rvads.geometry.junction import Junction
     from pytest_rvads.satellites.starts.critical import CriticalStart
-    from pytest_rvads.satellites.starts.trials import Setting
+    from pytest_rvads.satellites.starts.lines import Setting
 
 _CRITICAL = """\
 For every two conflicting ways of a junction, find the start at which the vehicle under test changes from waiting to going, and
@@ -50,7 +54,19 @@ def declare(commands: Subparsers) -> None:
     critical = commands.add_parser(
         "critical", help="find the starts at which a driver changes from waiting to going", description=_CRITICAL
     )
-    declare_starts(critical)
+    critical.add_argument("place", metavar="JUNCTION|MAP", help=f"built-in junction, or map file ({MAP_FORMATS})")
+    share(critical, "junction", help="id of a junction of the map (default: all with conflicting ways)")
+    declare_driver(critical)
+    share(critical, "traffic", default="reference")
+    critical.add_argument(
+        "--pedestrians",
+        nargs="+",
+        default=[],
+        metavar="BEHAVIOUR",
+        help="instead of another vehicle, meet a pedestrian on a crosswalk; a behaviour such as steady or darts",
+    )
+    share(critical, "simulator", "workers")
+    declare_rules(critical)
     alone = critical.add_mutually_exclusive_group()
     alone.add_argument("--start", metavar="ID", help="simulate this start alone, and say why the run fails")
     alone.add_argument("--all-lines", action="store_true", help="find all changes of a verdict on all lines, and write a page")
@@ -65,7 +81,8 @@ def declare(commands: Subparsers) -> None:
 
 def _critical(options: argparse.Namespace) -> int:
     from pytest_rvads.satellites.starts.critical import critical_starts
-    from pytest_rvads.satellites.starts.starts import lines_at
+    from pytest_rvads.satellites.starts.lines import Setting, lines_at
+    from pytest_rvads.simulators.simulator import named
 
     if options.output and not (options.start or options.all_lines):
         raise ScenarioError("-o writes the replay of one start, or the page of all lines: give --start ID or --all-lines")
@@ -74,14 +91,17 @@ def _critical(options: argparse.Namespace) -> int:
     if options.json and options.start:
         raise ScenarioError("--json prints lines of starts, and --start simulates one start: leave one of the two out")
     with opened_driver(options) as driver, terminable(), opened_executor(options) as executor:
-        setting = setting_of(options, driver)
+        simulator = named(options.simulator, Path.cwd())
+        setting = Setting.of(driver, named_rules(options.rules or ["road"]), options.traffic, simulator=simulator)
         if options.start:
             return _one_start(options, setting)
         if options.all_lines:
-            return search_all(options, setting, executor)
+            from pytest_rvads.satellites.starts.all_lines import search_all
+
+            return search_all(options, _places(options), setting, executor, partial(again, options))
         entries: list[dict[str, Any]] = []
         stopped: BaseException | None = None
-        for place in places(options):
+        for place in _places(options):
             groups = lines_at(place, behaviours=options.pedestrians)
             sides: list[CriticalStart] = []
             try:
@@ -109,9 +129,61 @@ def _critical(options: argparse.Namespace) -> int:
     return exit_status({entry["status"] for entry in entries})
 
 
+def _map_of(options: argparse.Namespace) -> str | None:
+    """Return the map file that the options name; None if the options name a built-in junction."""
+    from pytest_rvads.geometry.finder import names
+
+    place: str = options.place
+    if place in names():
+        if options.junction:
+            raise MapError(f"--junction names a junction of a map, and {place!r} is a built-in junction: leave it out")
+        return None
+    if not Path(place).exists():
+        raise MapError(f"{place!r} is no built-in junction ({', '.join(names())}) and no file: name one of these")
+    return place
+
+
+def _places(options: argparse.Namespace) -> Iterator[Junction]:
+    """Yield the junctions that the options name; of a whole map, those without a line of starts are left out with a warning."""
+    from pytest_rvads.drivers.walking import behaviour
+    from pytest_rvads.geometry.finder import find
+    from pytest_rvads.satellites.starts.lines import lines_at
+
+    for name in options.pedestrians:
+        behaviour(name)
+    map = _map_of(options)
+    if map is None or options.junction:
+        yield find(options.junction or options.place, map)
+        return
+    ids = conflicting(map)
+    if not ids:
+        raise MapError(f"{map} has no junction in which ways conflict: `rvads map {shlex.quote(map)}` says why")
+    left_out: list[ScenarioError] = []
+    for place in (find(id, map) for id in ids):
+        try:
+            lines_at(place, behaviours=options.pedestrians)
+        except ScenarioError as error:
+            left_out.append(error)
+            warn(f"rvads: {error}")
+        else:
+            yield place
+    if len(left_out) == len(ids):
+        raise ScenarioError(f"{map} has no junction with a line of starts, for the reasons above: use another map")
+
+
+def again(options: argparse.Namespace, place: Junction, id: str) -> str:
+    """Return the command that simulates the start with the id `id` once more."""
+    words = [*program(options), "critical", options.place, *(["--junction", place.id] if place.map else [])]
+    words += [word for name in ("autopilot", "sut") if (value := getattr(options, name)) for word in (f"--{name}", value)]
+    words += ["--traffic", options.traffic] if options.traffic != "reference" else []
+    words += ["--simulator", options.simulator] if options.simulator else []
+    words += ["--rules", *options.rules] if options.rules else []
+    return shlex.join([*words, "--start", id])
+
+
 def _entry(side: CriticalStart, setting: Setting, options: argparse.Namespace) -> dict[str, Any]:
     """Return a JSON object: the critical start for two conflicting ways and an order of the vehicles (subject goes or waits)."""
-    from pytest_rvads.satellites.starts.starts import Begin
+    from pytest_rvads.satellites.starts.lines import Begin, start_of
 
     line = side.line
     shown = side.failed or side.start
@@ -137,7 +209,7 @@ def _entry(side: CriticalStart, setting: Setting, options: argparse.Namespace) -
 
 def _table(place: Junction, sides: Sequence[CriticalStart], setting: Setting, options: argparse.Namespace) -> Iterator[str]:
     """Yield a table line per way of the subject, way of the other vehicle and order of the two, then lines on each failure."""
-    from pytest_rvads.satellites.starts.starts import STEP
+    from pytest_rvads.satellites.starts.lines import STEP
 
     yield f"{place.name}: {plural(len(sides) // 2, 'line')} of starts, {sum(len(side.tried) for side in sides)} runs"
     wide = 9 + 8 * any(side.line.walker is not None for side in sides)
@@ -191,7 +263,7 @@ def _one_start(options: argparse.Namespace, setting: Setting) -> int:
     from pytest_rvads.satellites.pages.replay import replay
     from pytest_rvads.scenarios.ids import from_id
 
-    map = map_of(options)
+    map = _map_of(options)
     scenario = from_id(options.start, map)
     if map is None or options.junction:
         named = find(options.junction or options.place, map)

@@ -13,8 +13,7 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
-from pytest_rvads.cli.common import LINE_LIMIT, MAP_FORMATS, named_rules, say, warn
-from pytest_rvads.cli.shared_options import share
+from pytest_rvads.cli.common import LINE_LIMIT, MAP_FORMATS, named_rules, say, share, warn
 from pytest_rvads.satellites.tracks.import_command import INTAKE, add_intake, intake_of
 from pytest_rvads.support.errors import RunError
 

@@ -14,8 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pytest_rvads.cli.common import MAP_FORMATS, Subparsers, progress, say, warn
-from pytest_rvads.cli.shared_options import share
+from pytest_rvads.cli.common import MAP_FORMATS, Subparsers, progress, say, share, warn
 from pytest_rvads.support.errors import RunError
 
 if TYPE_CHECKING:

@@ -38,6 +38,11 @@ def told_at(place: str) -> Iterator[None]:
         raise Misuse(f"{place}: {error}") from None
 
 
+def folder(place: str) -> Path:
+    """Return the folder of the file of a place that `caller` returned."""
+    return Path(place.rpartition(":")[0]).parent
+
+
 def beside(folder: Path, map: Any) -> Any:
     """Return the path of a map file below the folder of a test; `map` itself if there is no such file."""
     if isinstance(map, str | os.PathLike) and (folder / map).is_file():

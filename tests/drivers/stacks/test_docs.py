@@ -6,7 +6,7 @@ import re
 from dataclasses import fields
 from pathlib import Path
 
-from pytest_rvads.drivers.traffic import POLICIES
+from pytest_rvads.drivers.traffic import policies
 from pytest_rvads.scenarios.senses import Senses
 from pytest_rvads.session.options import Options
 
@@ -23,7 +23,7 @@ def test_script_of_the_page_prints_its_comments() -> None:
 
 
 def test_page_names_policies_senses_and_options() -> None:
-    for name in [*POLICIES, *(item.name for item in fields(Senses))]:
+    for name in [*policies(), *(item.name for item in fields(Senses))]:
         assert f"`{name}`" in TEXT or f'`"{name}"`' in TEXT, name
     for name, shown in {
         "sut": "--rvads-sut ",

@@ -22,7 +22,7 @@ from pytest_rvads.cli import main
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.logic.rules.book import rules_for
-from pytest_rvads.satellites.campaigns import answering
+from pytest_rvads.satellites.campaigns import campaign
 from pytest_rvads.satellites.campaigns.resultsfile import Judged
 from pytest_rvads.simulators.patience import Watch
 from pytest_rvads.simulators.simulator import Choice
@@ -96,7 +96,7 @@ def test_what_has_a_result_is_not_run_again(tmp_path: Path, alone: list[Judged],
         run.append(case.scenario.name)
         return rvads.simulate(case, simulator)
 
-    monkeypatch.setattr(answering, "simulate", counted)
+    monkeypatch.setattr(campaign, "simulate", counted)
     rvads.campaign(list(cases())[:4], executor=1, results=path).close()
     with rvads.campaign(cases(), executor=1, results=path) as results:
         assert list(results) == alone
@@ -130,7 +130,7 @@ def test_a_worker_keeps_one_junction_however_many_batches_bring_it(monkeypatch: 
         met.append(case.scenario)
         return rvads.simulate(case, simulator)
 
-    monkeypatch.setattr(answering, "simulate", noted)
+    monkeypatch.setattr(campaign, "simulate", noted)
     sent = [pickle.loads(pickle.dumps(case)) for case in cases()]
     rvads.campaign(sent, "no_collision", executor=1).close()
     assert met == [case.scenario for case in sent]
@@ -249,7 +249,7 @@ def test_rules_and_words_of_users_travel() -> None:
 def test_a_worker_with_other_code_answers_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     question = answering.Question(("no_collision",), Choice(rvads.bullet), "0" * 64, {"pytest-rvads": "0.0"})
     with pytest.raises(rvads.errors.RvadsError, match=r"a worker has other code .*install the same version"):
-        answering.judge(question, answering.Job(0, "0" * 64, next(cases()), "driver", None))
+        campaign.judge(question, campaign.Job(0, "0" * 64, next(cases()), "driver", None))
 
 
 @pytest.mark.parametrize("wrong", ["stop4", None, [1], [rvads.find("stop4")]])

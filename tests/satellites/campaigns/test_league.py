@@ -23,14 +23,12 @@ from pytest_rvads.report.record import conclude, planned_record
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.report.side_by_side import sections, side_by_side
 from pytest_rvads.runs.run import Run
-from pytest_rvads.satellites.campaigns import answering, league_output
 from pytest_rvads.satellites.campaigns.campaign import campaign
-from pytest_rvads.satellites.campaigns.league import Config, League
-from pytest_rvads.satellites.campaigns.league_output import Side, figure_sections
+from pytest_rvads.satellites.campaigns.league import Config, League, Side, figure_sections
 from pytest_rvads.satellites.campaigns.resultsfile import Results
 from pytest_rvads.satellites.pages.page import rendered
 from pytest_rvads.satellites.starts.critical import CriticalStart, Order
-from pytest_rvads.satellites.starts.trials import Fault
+from pytest_rvads.satellites.starts.lines import Fault
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators.simulator import Simulator, simulate
 from pytest_rvads.support.errors import RvadsError
@@ -157,7 +155,7 @@ def test_two_drivers_are_judged_on_the_same_cells(
     assert "full_stop" in capsys.readouterr().out
 
     page_before = (folder / "out" / "league.html").read_bytes()
-    monkeypatch.setattr(answering, "simulate", never)
+    monkeypatch.setattr("pytest_rvads.satellites.campaigns.campaign.simulate", never)
     assert judged(TWO) == (1, league)
     assert (folder / "out" / "league.html").read_bytes() == page_before
 
@@ -197,7 +195,7 @@ def test_failed_search_of_critical_starts_keeps_the_runs_of_the_driver(
         yield from (CriticalStart(groups[0][0], order, None, ()) for order in Order)
         raise RvadsError("the process of a job died")
 
-    monkeypatch.setattr(league_output, "critical_starts", one_line)
+    monkeypatch.setattr("pytest_rvads.satellites.campaigns.league.critical_starts", one_line)
     text = f'{CELLS}critical = 2\n[drivers]\nreference = {{ autopilot = "reference" }}\n'
     status, league = judged(text)
     assert status == 2
@@ -226,7 +224,7 @@ def test_killed_league_continues(folder: Path, monkeypatch: pytest.MonkeyPatch) 
             made.write("x")
         return simulate(case, simulator)
 
-    monkeypatch.setattr(answering, "simulate", counted)
+    monkeypatch.setattr("pytest_rvads.satellites.campaigns.campaign.simulate", counted)
     continued = judged(text)
     assert Path("made").read_text() == "xx"
     assert continued == judged(text, out="another")
@@ -313,7 +311,7 @@ SIDE = {"line": "", "order": "goes", "started": True, "status": "PASS", "fault":
     ],
 )
 def test_damaged_file_of_critical_starts_leaves_the_league_incomplete(content: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(league_output, "critical_starts", lambda *_: iter(()))
+    monkeypatch.setattr("pytest_rvads.satellites.campaigns.league.critical_starts", lambda *_: iter(()))
     text = f'{CELLS}critical = 1\n[drivers]\nreference = {{ autopilot = "reference" }}\n'
     judged(text)
     (results,) = Path("out").glob("results-*")
@@ -348,7 +346,7 @@ def test_critical_starts_are_searched_once_and_their_failures_can_be_seen_again(
         assert not groups
         return []
 
-    monkeypatch.setattr(league_output, "critical_starts", nothing)
+    monkeypatch.setattr("pytest_rvads.satellites.campaigns.league.critical_starts", nothing)
     assert judged(text) == (1, league)
 
 

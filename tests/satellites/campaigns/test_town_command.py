@@ -19,7 +19,7 @@ from pytest_rvads.geometry.opendrive.map_file import path_of
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.files import load
 from pytest_rvads.report.session_report import Report
-from pytest_rvads.satellites.campaigns import answering, replays
+from pytest_rvads.satellites.campaigns import campaign, replays
 from tools.crossings import Layout, opendrive
 
 SHORT = ("-j", "1", "--grid", "B", "--subject", "none")
@@ -130,7 +130,7 @@ def test_a_town_is_judged_once_and_not_again(
     def never(*_: object) -> None:
         raise AssertionError("it was judged before")
 
-    monkeypatch.setattr(answering, "simulate", never)
+    monkeypatch.setattr(campaign, "simulate", never)
     status, _, err = ran(capsys, *words)
     assert status == 0
     assert "are not simulated again" in err

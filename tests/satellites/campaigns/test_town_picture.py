@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from pytest_rvads.geometry.finder import load
 from pytest_rvads.geometry.opendrive.map_file import path_of
 from pytest_rvads.logic.outcome import Outcome, Tallied
-from pytest_rvads.satellites.campaigns.town_map import MarkedJunction, simplified, spot, town_picture
+from pytest_rvads.satellites.campaigns.town import MarkedJunction, simplified, spot, town_picture
 
 coordinates = st.floats(-1000, 1000, allow_nan=False)
 lines = st.lists(st.tuples(coordinates, coordinates), min_size=2, max_size=30).map(np.array)

@@ -10,8 +10,7 @@ from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.traffic import Policy
 from pytest_rvads.geometry.finder import Choice, find
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.satellites.campaigns.town import Town
-from pytest_rvads.satellites.campaigns.town_plan import Plan, Request
+from pytest_rvads.satellites.campaigns.town import Plan, Request, Town
 
 REQUEST = Request(Reference)
 

@@ -7,7 +7,7 @@ from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.rules.book import rule
-from pytest_rvads.satellites.lgsvl.pilot import LgsvlLike
+from pytest_rvads.satellites.lgsvl import LgsvlLike
 from pytest_rvads.satellites.pages.replay import timelines
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario

@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 import pytest_rvads
-from pytest_rvads.satellites.paper.experiment import (
+from pytest_rvads.satellites.paper.tables import (
+    FITTED,
     LIGHT,
     ROWS,
     STOP,
@@ -20,14 +21,18 @@ from pytest_rvads.satellites.paper.experiment import (
     Entry,
     Key,
     Setup,
+    agreement,
+    compute,
     crossing_wait,
     draw_range,
     entries,
     judge,
+    nested,
+    null_models,
     outcome,
+    published,
     run_entry,
 )
-from pytest_rvads.satellites.paper.tables import FITTED, agreement, compute, nested, null_models, published
 
 ENTRIES = [entry for table in TABLES for entry in entries(table)]
 KEYS = [entry.key(rule) for entry in ENTRIES for rule in entry.table.rules]

@@ -7,13 +7,12 @@ from pytest_rvads.drivers.walking import KERB
 from pytest_rvads.geometry.crosswalks import Side
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.logic.rules.book import rules_for
-from pytest_rvads.satellites.starts import atlas
+from pytest_rvads.satellites.starts import all_lines
 from pytest_rvads.satellites.starts.critical import Order, critical_starts
-from pytest_rvads.satellites.starts.starts import STEP, Line, lines_at
-from pytest_rvads.satellites.starts.trials import Fault, Setting, Trial
+from pytest_rvads.satellites.starts.lines import STEP, Fault, Line, Setting, Trial, lines_at
 from pytest_rvads.scenarios.ids import from_id
 from pytest_rvads.scenarios.pedestrians import Crossed
-from pytest_rvads.search.counterexample import pasteable
+from pytest_rvads.search.falsify import pasteable
 from pytest_rvads.support.errors import ScenarioError
 
 ZEBRA = rvads.find("zebra4")
@@ -129,8 +128,8 @@ def test_the_first_of_several_pedestrians_decides(behaviour: str) -> None:
 def test_a_strip_shows_who_collides_before_and_after_the_turn(monkeypatch: pytest.MonkeyPatch) -> None:
     """A subject that regards nobody passes behind the pedestrian, hits the pedestrian, or passes ahead of the pedestrian."""
     walked = line("zebra4-s0-0to2-meets-2n.steady")
-    monkeypatch.setattr(atlas, "lines_at", lambda *_, **__: ((walked,),))
-    found = atlas.draw_atlas(ZEBRA, setting(Holds, "no_collision"), probes=5, behaviours=["steady"], executor=1)
+    monkeypatch.setattr(all_lines, "lines_at", lambda *_, **__: ((walked,),))
+    found = all_lines.draw_atlas(ZEBRA, setting(Holds, "no_collision"), probes=5, behaviours=["steady"], executor=1)
     (strip,) = found.strips
     # Who is to blame for a collision differs within the third piece.
     pieces = dict.fromkeys((p.start.goes, dict(p.start.outcomes)["no_collision"] is not Outcome.PASS) for p in strip.pieces)

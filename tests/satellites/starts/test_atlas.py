@@ -11,12 +11,11 @@ from hypothesis import strategies as st
 import pytest_rvads as rvads
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.runs.run import Run
-from pytest_rvads.satellites.starts import atlas as drawing
-from pytest_rvads.satellites.starts.atlas import Atlas, Strip, draw_atlas
-from pytest_rvads.satellites.starts.starts import Line, lines_at
-from pytest_rvads.satellites.starts.trials import Setting
+from pytest_rvads.satellites.starts import all_lines as drawing
+from pytest_rvads.satellites.starts.all_lines import Atlas, Strip, draw_atlas
+from pytest_rvads.satellites.starts.lines import Line, Setting, lines_at
 
-from ..synthetic_starts import Answer, judged_by, lead_of, setting
+from ...synthetic_starts import Answer, judged_by, lead_of, setting
 
 Make = Callable[..., Run]
 PLACE = rvads.find("stop4")

@@ -17,13 +17,12 @@ from pytest_rvads.geometry.opendrive.map_file import path_of
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.runs.run import Run
-from pytest_rvads.satellites.starts import all_lines, atlas, starts
-from pytest_rvads.satellites.starts.starts import Line, lines_at
-from pytest_rvads.satellites.starts.trials import Setting
+from pytest_rvads.satellites.starts import all_lines, critical_command, lines
+from pytest_rvads.satellites.starts.lines import Line, Setting, lines_at
 from pytest_rvads.scenarios.ids import from_id
 from pytest_rvads.simulators import driver_dynamics
 
-from ..synthetic_starts import judged_by
+from ...synthetic_starts import judged_by
 
 Make = Callable[..., Run]
 Read = pytest.CaptureFixture[str]
@@ -54,7 +53,7 @@ def choose(monkeypatch: pytest.MonkeyPatch) -> Callable[[Sequence[Line]], None]:
     """Return a function that makes a group of lines the only group of every junction."""
 
     def chosen(group: Sequence[Line]) -> None:
-        for module in (starts, atlas):
+        for module in (lines, all_lines):
             monkeypatch.setattr(module, "lines_at", lambda *_, **__: (tuple(group),))
 
     chosen(GROUP[:1])
@@ -227,7 +226,7 @@ def test_wrong_arguments_are_refused_in_one_line(capsys: Read, arguments: Sequen
 
 @pytest.mark.parametrize("option", [(), ("--all-lines",)])
 def test_map_without_a_line_of_starts_is_refused(option: tuple[str, ...], capsys: Read, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(starts, "lines_at", lines_at)
+    monkeypatch.setattr(lines, "lines_at", lines_at)
     assert main(["critical", STOP4, *option, "--autopilot", "reference", "--pedestrians", "steady"]) == 2
     reason, refused = capsys.readouterr().err.splitlines()
     assert "no way of junction 'stop4.1' from seats [0, 1, 2, 3] gives way to pedestrians" in reason
@@ -251,7 +250,7 @@ def interrupted(make: Make) -> Iterator[None]:
 
 @pytest.mark.usefixtures("interrupted")
 def test_interrupted_search_shows_the_lines_before(capsys: Read, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(starts, "lines_at", lambda *_, **__: (GROUP[:1], GROUP[1:]))
+    monkeypatch.setattr(lines, "lines_at", lambda *_, **__: (GROUP[:1], GROUP[1:]))
     assert main(CRITICAL) == 130
     out, err = capsys.readouterr()
     assert out.startswith("stop3: 1 line of starts, ")
@@ -270,8 +269,8 @@ def test_interrupted_search_shows_the_lines_before(capsys: Read, monkeypatch: py
 def test_interrupted_search_of_all_lines_has_the_junctions_before(
     tmp_path: Path, capsys: Read, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(atlas, "lines_at", lambda place, **_: (GROUP[:1] if place.name == "stop3" else GROUP[1:],))
-    monkeypatch.setattr(all_lines, "places", lambda _: map(rvads.find, ("stop3", "stop4")))
+    monkeypatch.setattr(all_lines, "lines_at", lambda place, **_: (GROUP[:1] if place.name == "stop3" else GROUP[1:],))
+    monkeypatch.setattr(critical_command, "_places", lambda _: map(rvads.find, ("stop3", "stop4")))
     page = tmp_path / "lines.html"
     assert main([*CRITICAL, "--all-lines", "--probes", "0", "-o", str(page), "--json"]) == 130
     out, err = capsys.readouterr()

@@ -23,8 +23,7 @@ from pytest_rvads.satellites.paper.evidence import (
     text_margins,
     text_rooms,
 )
-from pytest_rvads.satellites.paper.experiment import STOP, Entry, Setup, Table, outcome, run_entry
-from pytest_rvads.satellites.paper.tables import published
+from pytest_rvads.satellites.paper.tables import STOP, Entry, Setup, Table, outcome, published, run_entry
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators.simulator import simulate
 from pytest_rvads.support.errors import RunError

@@ -30,7 +30,7 @@ from pytest_rvads.satellites.notebook import Picture, html, telling
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.loop import usual
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 NOTEBOOK = ROOT / "examples" / "explore.ipynb"
 TAGS = {"div", "p", "b", "img", "table", "thead", "tbody", "tr", "th", "td", "details", "summary", "pre"}
 HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(2)>\"' \x1b]0;"

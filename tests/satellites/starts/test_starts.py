@@ -12,7 +12,7 @@ from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.finder import names
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.runs.states import Colour
-from pytest_rvads.satellites.starts.starts import CHANGED, STEP, Begin, Line, lines_at
+from pytest_rvads.satellites.starts.lines import CHANGED, STEP, Begin, Line, lines_at
 from pytest_rvads.support.errors import ScenarioError
 
 LINES = {name: [line for group in lines_at(rvads.find(name)) for line in group] for name in names()}

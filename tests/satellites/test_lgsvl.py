@@ -10,9 +10,8 @@ import pytest
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
-from pytest_rvads.satellites.lgsvl import Constants, LgsvlLike, ZoneBox
-from pytest_rvads.satellites.lgsvl.scheduler import Box, Whole, frame, zone_of
-from pytest_rvads.satellites.paper.experiment import LIGHT, STOP, Entry, Setup, crossing_wait, outcome, run_entry
+from pytest_rvads.satellites.lgsvl import Box, Constants, LgsvlLike, Whole, ZoneBox, frame, zone_of
+from pytest_rvads.satellites.paper.tables import LIGHT, STOP, Entry, Setup, crossing_wait, outcome, run_entry
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate

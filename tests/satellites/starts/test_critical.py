@@ -15,13 +15,12 @@ from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.runs.run import Run
 from pytest_rvads.satellites.starts.critical import CriticalStart, Order, bisected, critical_starts, failure
-from pytest_rvads.satellites.starts.starts import Line, lines_at
-from pytest_rvads.satellites.starts.trials import Fault, Setting, fault_of
+from pytest_rvads.satellites.starts.lines import Fault, Line, Setting, fault_of, lines_at
 from pytest_rvads.scenarios.ids import from_id
 from pytest_rvads.support.errors import OpenObligation, RuleViolation, ScenarioError
 
-from ..drivers.blind import BLIND
-from ..synthetic_starts import Answer, judged_by, setting
+from ...drivers.blind import BLIND
+from ...synthetic_starts import Answer, judged_by, setting
 
 Make = Callable[..., Run]
 PASS, FAIL, OPEN, NA = Status.PASS, Status.FAIL, Status.OPEN, Status.NA

@@ -1,4 +1,4 @@
-"""The command ``rvads init``: writes the first test files of a project."""
+"""The commands ``rvads init``, which writes the first test files of a project, and ``rvads docs``, which needs no network."""
 
 from __future__ import annotations
 
@@ -9,20 +9,23 @@ import shutil
 from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
+from pydoc import pager
 from string import Template
 
-from pytest_rvads.cli.common import MAP_FORMATS, Subparsers, say
-from pytest_rvads.cli.shared_options import conflicting, share
+import pytest_rvads
+from pytest_rvads.cli.common import MAP_FORMATS, Subparsers, conflicting, say, share
 from pytest_rvads.geometry.control import JunctionControl, Sign
 from pytest_rvads.support.errors import MapError, RunError, RvadsError, ScenarioError
 from pytest_rvads.support.wording import page
 
 WORKFLOW = ".github/workflows/rules.yml"
 """Path in a repository: the workflow file that GitHub runs at every push."""
+_START = "README"
+"""The name of the page that leads to all other pages; the list of pages begins with it."""
 
 
 def declare(commands: Subparsers) -> None:
-    """Add the command ``rvads init`` to the parser."""
+    """Add the commands ``rvads init`` and ``rvads docs`` to the parser."""
     init = commands.add_parser(
         "init",
         help="write a first test and a controller to start from",
@@ -36,6 +39,13 @@ def declare(commands: Subparsers) -> None:
     share(init, "map", help=f"drive at a junction of this map file ({MAP_FORMATS}), not at the built-in all-way stop")
     share(init, "junction", help="junction of --map (default: the first usable junction)")
     init.set_defaults(command=_init)
+    docs = commands.add_parser(
+        "docs",
+        help="show a page of the documentation; without a page list all pages",
+        description="Shows a page of the documentation in the terminal, as Markdown. The pages ship with the package.",
+    )
+    docs.add_argument("page", metavar="PAGE", nargs="?", help="name of the page, such as tutorial (default: list all pages)")
+    docs.set_defaults(command=_docs)
 
 
 def template(name: str, values: Mapping[str, object] | None = None) -> str:
@@ -148,3 +158,29 @@ def _next(options: argparse.Namespace) -> list[str]:
         return [*steps, failures, f"more: {page('attach-your-stack')}"]
     replacement = "Then put your controller in place of MyController in conftest.py."
     return [*steps, failures, replacement, f"more: {page('tutorial')}"]
+
+
+def pages() -> dict[str, Path]:
+    """Return the files of all pages by name; a page in a subfolder of the documentation is named ``folder/page``."""
+    package = Path(pytest_rvads.__file__).parent
+    for folder in (package / "docs", package.parent / "docs"):  # of an installed package, and of a checkout
+        if found := {path.relative_to(folder).with_suffix("").as_posix(): path for path in sorted(folder.rglob("*.md"))}:
+            return {_START: found.pop(_START), **found}
+    raise RvadsError(
+        f"the pages of the documentation are not in {package / 'docs'}, where the package has them: install it again"
+    )
+
+
+def _docs(options: argparse.Namespace) -> int:
+    files = pages()
+    if options.page is None:
+        width = max(map(len, files))
+        for name, path in files.items():
+            say(f"{name:<{width}}  {path.read_text(encoding='utf-8').partition(chr(10))[0].removeprefix('# ')}")
+        say("next: rvads docs PAGE")
+        return 0
+    page = options.page.removesuffix(".md")
+    if page not in files:
+        raise RvadsError(f"the documentation has no page {options.page!r}: rvads docs lists all pages")
+    pager(files[page].read_text(encoding="utf-8"))
+    return 0

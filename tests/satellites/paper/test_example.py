@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "test_6_the_papers_tables.py"
+EXAMPLE = Path(__file__).parents[3] / "examples" / "test_6_the_papers_tables.py"
 
 
 @pytest.mark.extended

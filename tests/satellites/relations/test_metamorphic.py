@@ -12,8 +12,7 @@ import pytest_rvads as rvads
 from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.geometry.opendrive.map_file import path_of
 from pytest_rvads.satellites.relations.metamorphic import compare, equivalent
-from pytest_rvads.satellites.relations.relations import RELATIONS, Incomparable, Variant
-from pytest_rvads.satellites.relations.remap import broken_by, mirrored, moved, rotations_of
+from pytest_rvads.satellites.relations.variants import RELATIONS, Incomparable, Variant, broken_by, mirrored, moved, rotations_of
 from pytest_rvads.scenarios.case import Case
 
 NONE: dict[str, Any] = {"i1": False, "i2": False, "i3": False, "i4": False, "i5": False}

@@ -7,8 +7,16 @@ from xml.etree import ElementTree
 import pytest
 
 from pytest_rvads import cli
-from pytest_rvads.satellites.paper.experiment import TABLES, Key, entries
-from pytest_rvads.satellites.paper.tables import disagreements, published, svg_tables, text_sweep, text_tables
+from pytest_rvads.satellites.paper.tables import (
+    TABLES,
+    Key,
+    disagreements,
+    entries,
+    published,
+    svg_tables,
+    text_sweep,
+    text_tables,
+)
 
 
 @pytest.fixture

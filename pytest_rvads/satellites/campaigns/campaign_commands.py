@@ -1,4 +1,4 @@
-"""The command ``rvads town``: simulates and judges runs at the junctions of whole maps, without pytest."""
+"""The commands ``rvads town``, which judges a driver at the junctions of maps, and ``rvads league``, which compares drivers."""
 
 from __future__ import annotations
 
@@ -10,8 +10,23 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pytest_rvads.cli.common import MAP_FORMATS, Subparsers, listed_rules, make_folder, progress, say, show, terminable, warn
-from pytest_rvads.cli.shared_options import declare_driver, declare_rules, opened_driver, opened_executor, program, share
+from pytest_rvads.cli.common import (
+    MAP_FORMATS,
+    Subparsers,
+    declare_driver,
+    declare_rules,
+    listed_rules,
+    make_folder,
+    opened_driver,
+    opened_executor,
+    program,
+    progress,
+    say,
+    share,
+    show,
+    terminable,
+    warn,
+)
 from pytest_rvads.report.session_report import NOTHING_JUDGED
 from pytest_rvads.support.errors import ScenarioError
 from pytest_rvads.support.wording import first, plural, quoted
@@ -20,18 +35,24 @@ if TYPE_CHECKING:
     from pytest_rvads.satellites.campaigns.town import Town
     from pytest_rvads.simulators.simulator import Simulator
 
-_DESCRIPTION = """\
+_TOWN = """\
 Judge a controller at every junction of maps. The folder of -o gets town.html, the map with the verdicts at all
 junctions; town.json, the report; results-*.jsonl, the results so far, so that the same command continues after an interruption;
 and replays, a page of the first example of every cause. Exit status: 0 if every verdict passed, 1 if something failed, 2 if an
 argument is wrong or the command did not come to its end, 5 if nothing was judged."""
+_LEAGUE = """\
+Judge several drivers on the same drawn cells. CONFIG is a TOML file with the drivers, junctions, maps, seats, traffic and rules,
+the number of cells, the number of lines of critical starts, and a seed. The folder of -o gets league.html, the table of drivers
+by rules with the causes of all failures; league.json, the same for programs; replays of the first run of every cause; and the
+results so far, so that the same command continues after an interruption. Exit status: 0 if every verdict passed, 1 if something
+failed, 2 if an argument or the configuration is wrong or a driver lacks results, 5 if nothing was judged."""
 
 
 def declare(commands: Subparsers) -> None:
-    """Add the command ``rvads town`` to the parser."""
+    """Add the commands ``rvads town`` and ``rvads league`` to the parser."""
     from pytest_rvads.scenarios.selection import COVERS  # imported only if a command is declared
 
-    town = commands.add_parser("town", help="judge a controller at all junctions of maps", description=_DESCRIPTION)
+    town = commands.add_parser("town", help="judge a controller at all junctions of maps", description=_TOWN)
     town.add_argument("maps", nargs="+", metavar="MAP", help=f"map file ({MAP_FORMATS})")
     declare_driver(town)
     share(town, "simulator")
@@ -69,6 +90,11 @@ def declare(commands: Subparsers) -> None:
     share(town, "output", metavar="DIR", help="folder to write to (default: rvads-town)")
     town.add_argument("--list", action="store_true", help="print the ids of the runs, and simulate nothing")
     town.set_defaults(command=_town)
+    league = commands.add_parser("league", help="judge several drivers on the same runs", description=_LEAGUE)
+    league.add_argument("config", metavar="CONFIG", help="TOML file")
+    share(league, "workers")
+    share(league, "output", metavar="DIR", default="rvads-league", help="folder to write to (default: rvads-league)")
+    league.set_defaults(command=_league)
 
 
 def _town(options: argparse.Namespace) -> int:
@@ -109,8 +135,7 @@ def _asked(options: argparse.Namespace, driver: Any) -> tuple[Town, Simulator]:
     """Return the town and the simulator that the options ask for; a wrong option raises an error before a run is simulated."""
     from pytest_rvads.drivers.traffic import DEFAULT, Policy
     from pytest_rvads.geometry.control import JunctionControl
-    from pytest_rvads.satellites.campaigns.town import Town
-    from pytest_rvads.satellites.campaigns.town_plan import Request
+    from pytest_rvads.satellites.campaigns.town import Request, Town
     from pytest_rvads.scenarios.configurations import grid
     from pytest_rvads.scenarios.scenario import check_followers
     from pytest_rvads.simulators.simulator import named
@@ -207,3 +232,10 @@ def _judge_town(
             say(note)
         say(f"look: {folder / 'town.html'}")
         return report.exitstatus
+
+
+def _league(options: argparse.Namespace) -> int:
+    from pytest_rvads.satellites.campaigns.league import judge_league
+
+    with terminable(), opened_executor(options) as executor:
+        return judge_league(Path(options.config), Path(options.output), executor)
