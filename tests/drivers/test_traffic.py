@@ -11,6 +11,7 @@ from pytest_rvads.drivers.follower import Follower
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.naming import chosen
 from pytest_rvads.drivers.reference import Reference
+from pytest_rvads.drivers.traffic import HESITATION, Policy, Replay, RollingStop, traffic
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.conduct.standing import stopped

@@ -24,20 +24,6 @@ from pytest_rvads.report.svg import document, polyline, text
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, Zone
 from pytest_rvads.satellites.lgsvl import RED_WAIT, TURN_WAIT, Constants, LgsvlLike
-from pytest_rvads.satellites.paper.tables import (
-    LIGHT,
-    ROWS,
-    STOP,
-    TABLES,
-    WAIT,
-    Job,
-    Key,
-    Setup,
-    Table,
-    draw_range,
-    entries,
-    judge,
-)
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.classes import label, parse, rotate
 from pytest_rvads.scenarios.configurations import configuration

@@ -41,14 +41,13 @@ if TYPE_CHECKING:
     from pytest_rvads.scenarios.scenario import Scenario
     from pytest_rvads.search.space import Space
     from pytest_rvads.session.collection.cells import Cell
-    from pytest_rvads.simulators.simulator import Simulator
 
 
 class Asked(NamedTuple):
     """What a test item gives to its search."""
 
     driver: Factory
-    simulator: Simulator
+    simulator: Choice
     fleet: Fleet
     speed_limit: float | None
     """Speed limit of all roads that an option names [m/s]."""
@@ -159,7 +158,7 @@ def _record(item: pytest.Item, cell: Cell, asked: Asked, shown: Shown) -> None:
     stash[CELL] = replace(cell, scenario=scenario)
     stash[RECORD] = structs.replace(
         stash[RECORD],
-        driver=checked_name(asked.driver),
+        driver=checked_name(asked.driver, item.config),
         source=source(asked.driver, item.config.invocation_params.dir),
         simulator=made_by(asked.simulator, run),
         run=run_id(scenario, cell.traffic.name if cell.traffic else None),
