@@ -30,7 +30,7 @@ from pytest_rvads.drivers.walking import STRIDE, Approaching, Sight, behaviour
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.segment import SPEED_LIMIT
 from pytest_rvads.logic.conduct.bodies import Box, gap, strikes, touch
-from pytest_rvads.logic.conduct.lane import room
+from pytest_rvads.logic.conduct.room import room
 from pytest_rvads.physics import braking, engines
 from pytest_rvads.physics.body import Body, World, WorldMaker, start
 from pytest_rvads.physics.engines import BULLET, MUJOCO, Engine
