@@ -13,15 +13,7 @@ from msgspec import structs
 
 from pytest_rvads.logic.conduct.static_model import cut_off, extract, on_each_way, without_jumps
 from pytest_rvads.logic.conduct.validate import damage
-from pytest_rvads.logic.judging.attribution import (
-    BROKEN,
-    attribute,
-    blamed,
-    cycle_of,
-    gravest_first,
-    kept,
-    scene_of,
-)
+from pytest_rvads.logic.judging.attribution import BROKEN, attribute, blamed, cycle_of, gravest_first, kept, scene_of
 from pytest_rvads.logic.judging.instances import Prepared, prepare
 from pytest_rvads.logic.judging.judge import Values, certain, judge, nearest_miss, undecided
 from pytest_rvads.logic.judging.judgement import InstanceJudgement, Judgement, Reason
