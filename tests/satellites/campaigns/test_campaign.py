@@ -247,7 +247,7 @@ def test_rules_and_words_of_users_travel() -> None:
 
 
 def test_a_worker_with_other_code_answers_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    question = answering.Question(("no_collision",), Choice(rvads.bullet), "0" * 64, {"pytest-rvads": "0.0"})
+    question = campaign.Question(("no_collision",), Choice(rvads.bullet), "0" * 64, {"pytest-rvads": "0.0"})
     with pytest.raises(rvads.errors.RvadsError, match=r"a worker has other code .*install the same version"):
         campaign.judge(question, campaign.Job(0, "0" * 64, next(cases()), "driver", None))
 
