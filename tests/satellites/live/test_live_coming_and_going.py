@@ -30,8 +30,9 @@ from studies.mutants import MUTANTS
 from ...run_builders import coarse
 
 LIMIT = 8.0
-ELSEWHERE = ("priority", "right_before_left", "on_lane_allowed", "merge")
-"""Rules about none of these places."""
+CROSSWALKS = ("crosswalk", "crosswalk_waiting", "crosswalk_turning", "crosswalk_clear")
+ELSEWHERE = ("priority", "right_before_left", "on_lane_allowed", "merge", *CROSSWALKS)
+"""Rules about none of these places, where nobody walks."""
 PLACES, SEEDS = ("stop4", "light4", "yield4"), range(3)
 ALL = ("paper", "variants", "road")
 
