@@ -62,7 +62,9 @@ def near_junction(station: NDArray[np.float64], speed: NDArray[np.float64], line
     A vehicle is near from `NEAR` before its stopping line at the station `line` on, or from the distance that it drives in
     `NEAR_TIME` if this distance is longer, up to the station `leave` [m].
     """
-    return (station >= line - np.maximum(NEAR, NEAR_TIME * np.maximum(speed, 0.0))) & (station <= leave)
+    reach = np.maximum(NEAR, NEAR_TIME * np.maximum(speed, 0.0))
+    near: NDArray[np.bool_] = (station >= line - reach) & (station <= leave)
+    return near
 
 
 def busy_periods(tracks: Sequence[Track], ways: Sequence[Itinerary]) -> tuple[Period, ...]:

@@ -94,7 +94,7 @@ def reverses(block: Block) -> NDArray[np.bool_]:
                     "from pytest_rvads.logic.conduct.reversing import reverses\n",
                 ),
                 (
-                    "BUILT_IN = Vocabulary.of(\n",
+                    "BUILT_IN: Vocabulary = Vocabulary.of(\n",
                     '    _word("reverses", _ONE, reverses, "{0} backs off", "{0} does not back off", turns_on=_MOVES),\n',
                 ),
             ),

@@ -138,7 +138,7 @@ _word = partial(Word, place=PACKAGE)
 _MOVES, _STOPS = (Measured.PACE, Measured.ALONG), (Measured.PACE, Measured.ALONG, Measured.BEFORE)
 _ONE, _TWO, _ENTRANCES = ("agent",), ("agent", "agent"), ("entrance or vertex", "entrance or vertex")
 
-BUILT_IN = Vocabulary.of(
+BUILT_IN: Vocabulary = Vocabulary.of(
     _word(
         "@",
         ("agent or light or object", "entrance or exit or junction or road or vertex"),
