@@ -144,7 +144,7 @@ def _map(options: argparse.Namespace) -> int:
     from pytest_rvads.geometry.finder import find
     from pytest_rvads.geometry.network import Doubt, gathered
     from pytest_rvads.geometry.road_map import READERS, describe, read_map
-    from pytest_rvads.logic.conduct.lane import narrow_lines
+    from pytest_rvads.logic.conduct.room import narrow_lines
     from pytest_rvads.report.draw.map_picture import draw_map
 
     is_file = Path(options.file).suffix.lower() in READERS or Path(options.file).exists()

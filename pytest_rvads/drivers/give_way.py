@@ -15,7 +15,7 @@ from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.signs_and_lights import EAGER, HOLD, SET_OFF, WAIVER, Light, OnYellow, Queue, may_get_green
 from pytest_rvads.drivers.spacing import BEFORE, LEEWAY, stop_before, time_to
 from pytest_rvads.geometry.control import JunctionControl, Sign
-from pytest_rvads.logic.conduct.lane import stand_back
+from pytest_rvads.logic.conduct.room import stand_back
 from pytest_rvads.runs.itineraries import LEAVE
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, JUNCTION, Colour, VehicleState
 

@@ -23,7 +23,7 @@ from pytest_rvads.drivers.spacing import (
 )
 from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.logic.conduct.lane import room
+from pytest_rvads.logic.conduct.room import room
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, JUNCTION
 from pytest_rvads.support.errors import AutopilotError
 

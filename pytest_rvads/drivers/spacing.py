@@ -12,7 +12,7 @@ from pytest_rvads.drivers.follower import Track, resistance
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.geometry.segment import Pose
 from pytest_rvads.geometry.sweep import BEHIND
-from pytest_rvads.logic.conduct.lane import PLACES, leaves_room, room, stand_back
+from pytest_rvads.logic.conduct.room import PLACES, leaves_room, room, stand_back
 from pytest_rvads.runs.states import ENTRANCE, EXIT, JUNCTION, VehicleState
 
 STAND_OFF = 0.35

@@ -28,7 +28,7 @@ from pytest_rvads.drivers.naming import name_of
 from pytest_rvads.drivers.reference import by_zones
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.segment import SPEED_LIMIT
-from pytest_rvads.logic.conduct.lane import room
+from pytest_rvads.logic.conduct.room import room
 from pytest_rvads.physics import braking, engines
 from pytest_rvads.physics.body import Body, World, WorldMaker, start
 from pytest_rvads.physics.engines import BULLET, MUJOCO, Engine

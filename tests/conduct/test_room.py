@@ -8,7 +8,7 @@ import pytest
 
 from pytest_rvads.geometry.finder import find, names
 from pytest_rvads.logic.conduct.bodies import touch
-from pytest_rvads.logic.conduct.lane import PLACES, leaves_room, room
+from pytest_rvads.logic.conduct.room import PLACES, leaves_room, room
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.states import Vehicle
 

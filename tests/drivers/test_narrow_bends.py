@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pytest_rvads.drivers import reference
-from pytest_rvads.drivers.follower import AxlePath, axle_path, track
+from pytest_rvads.drivers.follower import AxlePath, Pace, axle_path, track
 from pytest_rvads.drivers.interface import Autopilot, Control, Observation
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.geometry.control import Sign
@@ -18,7 +18,8 @@ from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.segment import Pose, Segment
 from pytest_rvads.geometry.sweep import CAR, plan, with_roads
 from pytest_rvads.logic.check import check
-from pytest_rvads.logic.conduct.lane import leaves_room, off_lane, off_route, room, stand_back
+from pytest_rvads.logic.conduct.lane import off_lane, off_route
+from pytest_rvads.logic.conduct.room import leaves_room, room, stand_back
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.states import Vehicle, Zone
 from pytest_rvads.scenarios.case import Case
@@ -99,7 +100,7 @@ def turned(points: np.ndarray, pose: Pose, ahead: float) -> Segment:
 
 def test_a_pace_of_the_rear_axle_holds_where_the_front_is_beyond_the_end_of_its_itinerary() -> None:
     way = itinerary(find("stop4"), 0, 1)
-    path = AxlePath(way.path, (), (), ((way.end, 1.0),), (way.pose(way.end),))
+    path = AxlePath(way.path, (), (), (Pace(way.end, 1.0),), (way.pose(way.end),))
     assert track(way, 3.65, path).speed(way.end + 9.0) == 1.0
 
 
