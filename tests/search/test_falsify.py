@@ -13,7 +13,7 @@ from hypothesis.database import DirectoryBasedExampleDatabase
 
 import pytest_rvads as rvads
 from pytest_rvads.drivers.interface import Control, Observation
-from pytest_rvads.search.falsify import broken, look_for, pasteable
+from pytest_rvads.search.falsify import broken, pasteable
 from pytest_rvads.simulators.loop import usual
 from pytest_rvads.simulators.patience import Watch
 
@@ -101,6 +101,8 @@ FAULTY = """
 from functools import partial
 import pytest
 import pytest_rvads as rvads
+
+from .looking import look_for
 
 @pytest.fixture
 def rvads_autopilot():
