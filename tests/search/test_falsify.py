@@ -18,6 +18,7 @@ from pytest_rvads.simulators.loop import usual
 from pytest_rvads.simulators.patience import Watch
 
 from ..drivers.blind import BlindLeft
+from .looking import look_for
 
 NONE: dict[str, Any] = {"i1": False, "i2": False, "i3": False, "i4": False, "i5": False}
 
@@ -101,8 +102,6 @@ FAULTY = """
 from functools import partial
 import pytest
 import pytest_rvads as rvads
-
-from .looking import look_for
 
 @pytest.fixture
 def rvads_autopilot():
