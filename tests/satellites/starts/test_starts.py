@@ -58,7 +58,7 @@ def test_lead_is_the_time_between_the_arrivals_at_constant_speeds(line: Line, da
 def test_both_ends_of_the_reach_have_room_and_leads_beyond_have_none(line: Line, shorter: tuple[int, ...]) -> None:
     """Setbacks to 0.01 m shorten the approaches, so that the ends fall between two steps.
 
-    A line leaves 0.01 m of an approach for rounding, and distances are rounded to 0.01 m: the way of a slow vehicle in some steps.
+    A line leaves 0.01 m of an approach for rounding, and distances are rounded to 0.01 m: a way of some slow steps.
     """
     entrances = [
         replace(lane, setback=cut / 100 if cut / 100 < lane.approach.length else 0.0)
