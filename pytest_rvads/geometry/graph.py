@@ -4,15 +4,11 @@ The edges of a graph are labelled with segments of lane centre line. The paper's
 ``s[eta, -]`` are `MetricGraph.before`, `after_end`, `Segment.head` and `Segment.tail`; the paper's concatenation of segments is
 `Segment.then`. The graph is the first value that is made from the network of a map file. Arms, ways through a junction and walks
 along its roads are found on the graph and its line graph by networkx.
-
-A vehicle is projected on its own track (the segments of its route), in a window around its last station. Half of the points
-inside a junction lie within 0.5 m of another movement, so the lane nearest to a vehicle in a junction is often the wrong lane.
 """
 
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
 from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, pairwise
@@ -21,7 +17,7 @@ from typing import NamedTuple
 import networkx as nx
 
 from pytest_rvads.geometry.network import Network
-from pytest_rvads.geometry.segment import GAP_LIMIT, Pose, Segment, join
+from pytest_rvads.geometry.segment import GAP_LIMIT, Segment, join
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.support.errors import MapError
 
@@ -281,47 +277,3 @@ def walk(graph: MetricGraph, start: str, *, upstream: bool, joints: Container[st
             return way
         way.append(min(bends)[-1])
         seen.add(way[-1])
-
-
-@dataclass(frozen=True, slots=True)
-class Place:
-    """The place of a pose relative to a line."""
-
-    position: Position
-    station: float
-    """Station along the track, or along the segment if there is no track [m]."""
-    offset: float
-    """Offset to the left of the line [m]."""
-    heading_error: float
-    """Heading of the pose minus direction of the line, in -pi..pi [rad]."""
-
-
-class Track:
-    """Consecutive segments of a metric graph, at least one, such as an itinerary."""
-
-    def __init__(self, segments: Sequence[Segment]) -> None:
-        path = join(segments) if segments else None
-        if path is None:
-            names = [segment.id for segment in segments]
-            raise MapError(f"a track needs segments that follow one another, got {names}")
-        self.path = path
-        self.segments = tuple(segments)
-        self._starts: list[float] = []
-        station = 0.0
-        for i, segment in enumerate(segments):
-            if i:
-                station += math.dist(segments[i - 1].points[-1], segment.points[0])
-            self._starts.append(station)
-            station += segment.length
-
-    def project(self, pose: Pose, near: float, window: float = 5.0) -> Place:
-        """Project a pose on the track, within `window` of station `near` [m]."""
-        station, offset = self.path.project(pose.x, pose.y, near, window)
-        error = math.remainder(pose.heading - self.path.pose(station).heading, math.tau)
-        return Place(self.position(station), station, offset, error)
-
-    def position(self, station: float) -> Position:
-        """Return the position on the metric graph at `station` [m]; in a gap, the end of the segment before the gap."""
-        i = max(bisect_right(self._starts, station) - 1, 0)
-        segment = self.segments[i]
-        return Position(segment.id, min(max(station - self._starts[i], 0.0), segment.length))
