@@ -24,7 +24,7 @@ from pytest_rvads.support.errors import FormulaError, suggest
 from pytest_rvads.support.wording import one_line
 
 
-class Kind(StrEnum):
+class Form(StrEnum):
     """The forms that the formula of a rule can have."""
 
     YIELD = "yield"
@@ -43,7 +43,7 @@ class Kind(StrEnum):
 class Shape:
     """The parts of an instance of a rule (the rule for certain vehicles and entrances)."""
 
-    kind: Kind
+    form: Form
     premise: f.Formula | None
     """The condition of the obligation; None if the instance does not have the form ``G(premise -> obligation)``."""
     obligation: f.Formula
@@ -58,16 +58,16 @@ def shape_of(formula: f.Formula) -> Shape:
     while isinstance(formula, f.Forall):
         formula = formula.body
     if not isinstance(formula, f.Always):
-        return Shape(Kind.OTHER, None, formula)
+        return Shape(Form.OTHER, None, formula)
     premise, obligation = None, formula.body
     if isinstance(formula.body, f.Implies):
         premise, obligation = formula.body.left, formula.body.right
     match obligation:
         case f.Until(f.Next(waits), goes) if f.is_boolean(waits) and f.is_boolean(goes):
-            return Shape(Kind.YIELD, premise, obligation, waits, goes)
+            return Shape(Form.YIELD, premise, obligation, waits, goes)
         case f.Until(waits, goes) | f.WeakUntil(waits, goes) if f.is_boolean(waits) and f.is_boolean(goes):
-            return Shape(Kind.HOLD, premise, obligation, waits, goes)
-    return Shape(Kind.STATE if f.is_boolean(formula.body) else Kind.OTHER, premise, obligation)
+            return Shape(Form.HOLD, premise, obligation, waits, goes)
+    return Shape(Form.STATE if f.is_boolean(formula.body) else Form.OTHER, premise, obligation)
 
 
 def split(formula: f.Formula) -> tuple[f.Formula, ...]:
