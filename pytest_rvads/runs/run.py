@@ -1,8 +1,9 @@
 """Runs: the sequence of states that a simulation or a recording yields (paper, section 4.2).
 
-Runs are values. A verdict depends on what the hash of a run covers, and on nothing else: the states with their accuracy, the
-name, route, kind and size of every agent, collisions, `Facts`, fault, excerpt and junction. `Run.provenance` tells where a run
-comes from, and no code that judges reads the provenance. ``collisions=None`` means that collisions were not recorded.
+Runs are values. A verdict depends on what the hash of a run covers, and on nothing else: label and time step, the states with
+their accuracy, the name, way, kind and size of every agent, collisions, `Facts`, fault, excerpt and junction. `Run.provenance`
+tells where a run comes from, and no code that judges reads the provenance. ``collisions=None`` means that collisions were not
+recorded.
 
 A run keeps the results of functions that are called by `once`, so that all rules that judge the run share the results. Such a
 result must not hold the run, because the circle of references would keep the run in memory until the next garbage collection.
@@ -61,9 +62,9 @@ class Fault:
     time: float
     """Time of the fault since the start of the run [s]."""
     agent: str
-    """Name of the vehicle whose autopilot or plant caused the fault."""
+    """Name of the vehicle whose autopilot or body caused the fault."""
     reason: str
-    """One sentence naming autopilot or plant and what went wrong."""
+    """One sentence that names the autopilot or the body and says what went wrong."""
     detail: str = field(default="", compare=False)
     """The last text that a driver in another process wrote to its standard error; not part of the run's hash."""
 
@@ -209,7 +210,7 @@ class Run:
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 over states, collisions, fault, agents, facts, excerpt and junction; equal hashes mean equal verdicts."""
+        """SHA-256 over what a verdict can depend on, see the docstring of this module; equal hashes mean equal verdicts."""
         sha = hashlib.sha256()
         # Only a vehicle whose way is not decided has other exits in the hash, so that all other runs keep their hashes.
         agents = [[a.name, a.way.key, a.kind, a.size, *([a.other_exits] if a.other_exits else [])] for a in self.agents]
@@ -338,6 +339,7 @@ _ENUMS = {"zone": Zone, "lights": Colour}
 
 
 def _first_difference(one: Run, other: Run, field: str) -> Divergence | None:
+    """Return the first difference between the arrays `field` of two runs, in order of time; None if the arrays are equal."""
     a: NDArray[Any] | None = getattr(one, field)
     b: NDArray[Any] | None = getattr(other, field)
     if a is None or b is None:

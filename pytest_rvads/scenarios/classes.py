@@ -240,7 +240,7 @@ PAIRED = ("pairs", "conflicts")
 
 Pair = tuple[Key, Key]
 """Two movements; the movement from the entrance with the lower number is first."""
-_Choice = tuple[int, int]
+_Pick = tuple[int, int]
 """Number of a slot (an arm or lane), and number of a direction among the possible directions in the slot."""
 
 
@@ -305,7 +305,7 @@ def covering(
     required = frozenset(pairs_at(place, conflicting=conflicting))
     slots = _placed(place, orbits, seat)
     moves = [[key for _, key in slot] for slot in slots]
-    missing: dict[tuple[_Choice, _Choice], None] = {}
+    missing: dict[tuple[_Pick, _Pick], None] = {}
     for i, j in combinations(range(len(moves)), 2):
         for (rank, key), (later_rank, later_key) in product(enumerate(moves[i]), enumerate(moves[j])):
             if (key, later_key) in required:
@@ -357,14 +357,14 @@ def _placed(place: Junction, orbits: Orbits, seat: int | None) -> list[list[tupl
     return slots
 
 
-def _row(sizes: Sequence[int], missing: Collection[tuple[_Choice, _Choice]]) -> list[int]:
+def _row(sizes: Sequence[int], missing: Collection[tuple[_Pick, _Pick]]) -> list[int]:
     """Return a scenario with the first missing pair, and in the other slots the directions that add most missing pairs.
 
     The scenario is given per slot (arm or lane), by the number of a direction among the possible directions in the slot.
     """
     row = dict(next(iter(missing)))
 
-    def gain(choice: _Choice) -> tuple[int, int, int]:
+    def gain(choice: _Pick) -> tuple[int, int, int]:
         pairs = ((choice, chosen) if choice < chosen else (chosen, choice) for chosen in row.items())
         return sum(pair in missing for pair in pairs), -choice[0], -choice[1]
 
