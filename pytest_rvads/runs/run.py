@@ -210,7 +210,10 @@ class Run:
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 over what a verdict can depend on, see the docstring of this module; equal hashes mean equal verdicts."""
+        """SHA-256 over label, time step, states, spread, collisions, fault, agents, facts, excerpt and junction.
+
+        Equal hashes mean equal verdicts.
+        """
         sha = hashlib.sha256()
         # Only a vehicle whose way is not decided has other exits in the hash, so that all other runs keep their hashes.
         agents = [[a.name, a.way.key, a.kind, a.size, *([a.other_exits] if a.other_exits else [])] for a in self.agents]

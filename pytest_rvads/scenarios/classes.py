@@ -39,6 +39,14 @@ WAYS = range(3, 9)
 """Numbers of arms for which the paper's method is defined here."""
 OCCUPANCIES = ("arms", "lanes")
 """The occupied entrances of a full scenario: one entrance on each arm, or all entrances."""
+_DIGITS = "0123456789abcdefghijklmnopqrstuvwxyz"
+"""The digits of directions in texts."""
+PAIRED = ("pairs", "conflicts")
+"""Names of the covers by pairs: all pairs of movements from different entrances, and the pairs that cross or merge."""
+Pair = tuple[Key, Key]
+"""Two movements; the movement from the entrance with the lower number is first."""
+_Pick = tuple[int, int]
+"""Number of a slot (an arm or lane), and number of a direction among the possible directions in the slot."""
 
 
 def rotate(code: tuple[T, ...], rows: int) -> tuple[T, ...]:
@@ -231,17 +239,6 @@ def _letters(lanes: Sequence[Directions], partial: bool) -> tuple[Directions, ..
     nobody = (0,) * len(lanes)
     occupied = [(*nobody[:k], direction, *nobody[k + 1 :]) for k, lane in enumerate(lanes) for direction in lane]
     return tuple(sorted(occupied if occupied and not partial else [nobody, *occupied]))
-
-
-_DIGITS = "0123456789abcdefghijklmnopqrstuvwxyz"
-
-PAIRED = ("pairs", "conflicts")
-"""Names of the covers by pairs: all pairs of movements from different entrances, and the pairs that cross or merge."""
-
-Pair = tuple[Key, Key]
-"""Two movements; the movement from the entrance with the lower number is first."""
-_Pick = tuple[int, int]
-"""Number of a slot (an arm or lane), and number of a direction among the possible directions in the slot."""
 
 
 def parse(directions: str | Sequence[int]) -> Directions:

@@ -34,14 +34,13 @@ _EACH = 10_000
 
 An agent is present together with few other agents. Therefore the number of atoms is proportional to the length of the recording.
 """
+Binding = tuple[tuple[str, f.Element], ...]
+"""Variables of a rule, each with the element that replaces it."""
 
 
 def _budget(formula: f.Formula, static: Static) -> Budget:
     most = LIMIT if static.together is None else LIMIT + _EACH * len(static.agents)
     return Budget(most, f.size(formula), what="too many instances, one per choice of elements for its variables")
-
-
-Binding = tuple[tuple[str, f.Element], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +116,7 @@ def _choices(variable: f.Binder, body: f.Formula, bound: Iterable[f.Element], st
 
 
 def _columns(elements: Iterable[f.Element]) -> tuple[int, ...]:
+    """Return the columns of the agents among elements."""
     return tuple(e.index for e in elements if e.sort == Sort.AGENT)
 
 

@@ -23,6 +23,13 @@ from pytest_rvads.logic.rules.vocabulary import DIRECTIONS, LANGUAGE, Sort, Voca
 from pytest_rvads.support.errors import FormulaError, suggest
 from pytest_rvads.support.wording import one_line
 
+LONGEST_TIE = 3600
+"""Longest tie window [s]; a window of an hour makes all waiting times at a junction equal."""
+_LONGEST_NAME = 100
+"""Greatest length of the name of a rule [characters]."""
+_COMPARISONS = ("=", "!=", "<", "<=", ">", ">=")
+_VERTICES = {Sort.ENTRANCE, Sort.EXIT, Sort.VERTEX}
+
 
 class Form(StrEnum):
     """The forms that the formula of a rule can have."""
@@ -111,10 +118,6 @@ def outermost(formula: f.Formula) -> tuple[f.Binder, ...]:
     return tuple(variables)
 
 
-_COMPARISONS = ("=", "!=", "<", "<=", ">", ">=")
-_VERTICES = {Sort.ENTRANCE, Sort.EXIT, Sort.VERTEX}
-
-
 def untimed(formula: f.Formula, sorts: Mapping[str, str] | None = None) -> f.Atom | None:
     """Return an atom that can change in a run but is outside every temporal operator; None if there is no such atom.
 
@@ -153,6 +156,8 @@ def parse(text: str, vocabulary: Vocabulary = BUILT_IN) -> f.Formula:
 
 @dataclass(frozen=True, slots=True)
 class _Check:
+    """Checks that all variables of a formula are bound, its predicates known and the sorts of its terms right."""
+
     text: str
     vocabulary: Vocabulary
 
@@ -223,11 +228,6 @@ class _Check:
             message = f"{term}: {term.name} belongs to {attribute.owner}s, {term.of} is of sort {sort}"
             raise FormulaError(caret(message, self.text, at))
         return attribute.kind
-
-
-LONGEST_TIE = 3600
-"""Longest tie window [s]; a window of an hour makes all waiting times at a junction equal."""
-_LONGEST_NAME = 100
 
 
 class Crosswalks(StrEnum):
