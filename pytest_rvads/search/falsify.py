@@ -17,7 +17,7 @@ from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple, Unpack
+from typing import NamedTuple
 from unittest import SkipTest
 
 from pytest_rvads.drivers.interface import Factory
@@ -151,7 +151,11 @@ class Search:
         searches: int = 1,
         executor: Executor | int | None = None,
     ) -> Counterexample | None:
-        """Run the search, and return a counterexample, or None if none was found; `look_for` explains the arguments."""
+        """Run the search, and return the simplest counterexample, or None if none was found.
+
+        Searches with different seeds can run in parallel. Of their counterexamples, that of the lowest seed is returned, so the
+        result does not depend on the executor. With None as `name`, Hypothesis stores no counterexample.
+        """
         parts = replace(self, rule=get_rule(self.rule)).parts(searches)
         if searches == 1 and not isinstance(executor, Executor):
             return self.settled([self.look(driver, fleet, simulator, name)])
@@ -189,39 +193,6 @@ class Search:
                 "so nothing was tried: choose another rule, junction or space, or give the runs more time"
             )
         return None
-
-
-def look_for(  # noqa: PLR0913 - keywords; a search has many settings
-    junction: str | Junction,
-    autopilot: Factory,
-    rule: str | Rule,
-    *,
-    traffic: str | Factory | None = None,
-    budget: int = 200,
-    seed: int = 0,
-    fleet: Fleet | None = None,
-    name: str | None = None,
-    simulator: Simulator | None = None,
-    searches: int = 1,
-    executor: Executor | int | None = None,
-    **space: Unpack[Space],
-) -> Counterexample | None:
-    """Look for a scenario in which a rule is violated.
-
-    If the budget is increased and the seed is kept, the search begins with the same scenarios in the same order. The search
-    mostly varies the gaps between the arrivals of the vehicles.
-
-    Several searches with different seeds can run in parallel. If several of them find a counterexample, the counterexample of the
-    lowest seed is returned, so the result does not depend on the executor.
-
-    Args:
-        name: name of the search in the example database of Hypothesis; with None, no counterexample is stored.
-
-    Returns:
-        The simplest counterexample; None if the search found none.
-    """
-    search = Search.of(junction, rule, traffic, budget, seed, space)
-    return search.begin(autopilot, fleet or Fleet(), simulator, name, searches, executor)
 
 
 def _run_search(driver: Factory, fleet: Fleet, simulator: Simulator, job: tuple[Search, str | None]) -> SearchResult:

@@ -175,6 +175,7 @@ def simulate(case: Case, simulator: Simulator | None = None) -> Run:
         RunError: the simulator returned no run of this case, an impossible run, or a run that ends without a reason; or the
             simulator exceeded a time limit outside of all drivers.
     """
+    require(case, Case, "simulate takes a case: write simulate(rvads.Case(scenario, driver))", ScenarioError)
     choice = Choice.of(simulator)
     run = answered(case, choice)
     objection = next((str(finding) for finding in impossible(run)), "") or _flaw_of_end(run, case)
@@ -188,7 +189,6 @@ def answered(case: Case, choice: Choice) -> Run:
 
     Arguments and errors are those of `simulate`. An impossible run, or a run that ends without a reason, raises no error.
     """
-    require(case, Case, "simulate takes a case: write simulate(rvads.Case(scenario, driver))", ScenarioError)
     maker = choice.simulator
     # Error settings of numpy that a driver changes hold for its own run only.
     with np.errstate(), Watch(choice.limits) as watch:

@@ -212,29 +212,7 @@ def test_positions_pass_from_segment_to_segment(stop4: RoadMap) -> None:
     assert track.position(-3.0).eta == 0.0
 
 
-def test_locate_prefers_the_lane_that_goes_the_same_way(stop4: RoadMap) -> None:
-    # On the axis of the southern road both lanes are 1.75 m away.
-    assert stop4.locator.locate(Pose(0.0, -60.0, math.pi / 2))[0].position.segment == "0.0.1"
-    assert stop4.locator.locate(Pose(0.0, -60.0, -math.pi / 2))[0].position.segment == "0.0.-1"
-    assert stop4.locator.locate(Pose(500.0, 500.0, 0.0)) == []
-
-
-@given(data=st.data(), share=st.floats(0.0, 1.0))
-@QUICK
-def test_locate_finds_every_pose_on_a_lane(stop4: RoadMap, data: st.DataObject, share: float) -> None:
-    id = data.draw(st.sampled_from(stop4.graph.segments))
-    segment = stop4.graph.segment(id)
-    places = {p.position.segment: p for p in stop4.locator.locate(segment.pose(share * segment.length))}
-    assert id in places
-    assert abs(places[id].offset) < 1e-6
-    assert places[id].station == pytest.approx(share * segment.length, abs=1e-6)
-
-
 def test_misuse(stop4: RoadMap) -> None:
-    with pytest.raises(MapError, match="finite"):
-        stop4.locator.locate(Pose(math.nan, 0.0, 0.0))
-    with pytest.raises(MapError, match="reach must lie above 0 and up to 6 m"):
-        stop4.locator.locate(Pose(0.0, 0.0, 0.0), reach=7.0)
     with pytest.raises(MapError, match="a track needs segments that follow one another"):
         Track([stop4.graph.segment("0.0.1"), stop4.graph.segment("2.0.1")])
     with pytest.raises(MapError, match="no movement from entrance 0 to exit 0"):

@@ -13,11 +13,12 @@ from hypothesis.database import DirectoryBasedExampleDatabase
 
 import pytest_rvads as rvads
 from pytest_rvads.drivers.interface import Control, Observation
-from pytest_rvads.search.falsify import broken, look_for, pasteable
+from pytest_rvads.search.falsify import broken, pasteable
 from pytest_rvads.simulators.loop import usual
 from pytest_rvads.simulators.patience import Watch
 
 from ..drivers.blind import BlindLeft
+from .looking import look_for
 
 NONE: dict[str, Any] = {"i1": False, "i2": False, "i3": False, "i4": False, "i5": False}
 

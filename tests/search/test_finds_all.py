@@ -6,7 +6,8 @@ from typing import Any
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.search.falsify import look_for
+
+from .looking import look_for
 
 NONE: dict[str, Any] = {"i1": False, "i2": False, "i3": False, "i4": False, "i5": False}
 SEARCHES: dict[str, tuple[str, str, dict[str, Any]]] = {

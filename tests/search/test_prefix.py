@@ -12,6 +12,8 @@ from hypothesis.database import DirectoryBasedExampleDatabase
 import pytest_rvads as rvads
 from pytest_rvads.search import falsify
 
+from .looking import look_for
+
 Simulated = Callable[..., list[rvads.Scenario]]
 
 
@@ -32,7 +34,7 @@ def simulated() -> Iterator[Simulated]:
 
     def scenarios_of(budget: int, *, junction: str = "stop4", **bounds: Any) -> list[rvads.Scenario]:
         scenarios.clear()
-        assert falsify.look_for(junction, rvads.Reference, "no_collision", budget=budget, **bounds) is None
+        assert look_for(junction, rvads.Reference, "no_collision", budget=budget, **bounds) is None
         return scenarios.copy()
 
     with pytest.MonkeyPatch.context() as patch:
