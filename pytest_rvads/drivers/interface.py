@@ -32,7 +32,7 @@ class Observation(NamedTuple):
     others: tuple[VehicleState, ...]
     """The other vehicles that have not left the run, in the order in which they were created."""
     lights: tuple[Colour, ...]
-    """Colour of the traffic light at each entrance."""
+    """Colour of the traffic light at each entrance, then at the other starts of ways, see `Junction.starts`."""
     itinerary: Itinerary
     """Approach, movement and exit road of the own vehicle; `VehicleState.station` is measured along it."""
     junction: Junction

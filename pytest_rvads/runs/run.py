@@ -38,7 +38,7 @@ ARRAYS = ("zone", "lights", "station", "speed", "pose", "controls")
 FAULT, LATE = "fault", "late"
 """Reasons for the end of a run, as its provenance holds them: a fault, and a fault because a limit of real time was exceeded."""
 RAISED: dict[str, Any] = {}
-"""The reason of the last fault of this process, and the exception that caused it, which a run, a stored value, can't hold."""
+"""The last fault of this process: its reason, and the exception that caused it. A run is stored, and can't hold an exception."""
 Positive = Annotated[float, Meta(gt=0.0, le=sys.float_info.max)]
 """A finite number above 0, as run files hold it."""
 

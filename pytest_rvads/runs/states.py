@@ -178,6 +178,8 @@ class SignalPlan:
     def colours(self, time: float, entrances: int) -> tuple[Colour, ...]:
         """Return the colour at each entrance at `time` since the run began [s]; NONE for an entrance in no group.
 
+        With the number of all starts of ways (`Junction.starts`) as `entrances`, the colours of pedestrian lights follow.
+
         A pedestrian light shows green (WALK) in the green of its group, yellow (flashing DON'T WALK) for the last part of that
         green, and red else. Yellow is as long as a crossing at `CLEARING` takes, and green is at least `WALK` long (MUTCD 4E.06).
         """
