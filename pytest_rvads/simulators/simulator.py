@@ -116,7 +116,7 @@ class Choice:
 
     @classmethod
     def of(cls, simulator: Simulator | None = None, limits: Limits = USUAL) -> Choice:
-        """Return a simulator, by default the usual one, with limits; a choice keeps its own limits."""
+        """Return a simulator, by default the usual one, with limits; a choice keeps its own limits, except `Limits.dump`."""
         if not isinstance(simulator, Choice):
             return cls(usual() if simulator is None else usable(simulator), limits)
         own = simulator.limits
@@ -251,14 +251,14 @@ def vmax(
     """
     require(distance, Real, "vmax takes a distance to the stopping line in metres", ScenarioError)
     require(vehicle, Vehicle | None, "vehicle= takes a rvads.Vehicle", ScenarioError)
-    maker = Choice.of(simulator)
-    speed: Any = maker.vmax(distance, aggression, vehicle)
+    choice = Choice.of(simulator)
+    speed: Any = choice.vmax(distance, aggression, vehicle)
     if speed is None:
         return None
     number = float(speed) if isinstance(speed, Real) and not isinstance(speed, bool) else math.nan
     if not 0 <= number < math.inf:
         raise RunError(
-            f"the simulator {maker.name!r} must give v(d)max as a speed of 0 m/s or more, or as None, got {speed!r:.60} at "
+            f"the simulator {choice.name!r} must give v(d)max as a speed of 0 m/s or more, or as None, got {speed!r:.60} at "
             f"{distance!r} m"
         )
     return min(number, limit)
