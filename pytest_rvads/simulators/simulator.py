@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from importlib.util import find_spec
+from inspect import signature
 from numbers import Real
 from pathlib import Path
 from typing import Any, Protocol
@@ -98,13 +99,26 @@ def usable(simulator: Any, label: str = "") -> Simulator:
         objection = f"has no {missing}"
     elif not (isinstance(name := getattr(simulator, "name", None), str) and name):
         objection = f"is called {name!r}, which is no name"
+    elif not _takes_watch(simulator):
+        objection = "can't be called with two arguments"
     else:
         checked: Simulator = simulator
         return checked
     raise ScenarioError(
         f"simulator {label or f'{simulator!r:.60}'} {objection}: it has to be an object with a name, a text, and "
-        "vmax(distance, aggression, vehicle), that can be called with a case"
+        "vmax(distance, aggression, vehicle), that can be called with a case and a watch"
     )
+
+
+def _takes_watch(simulator: Any) -> bool:
+    """Return whether a simulator can be called with a case and a watch."""
+    try:
+        signature(simulator).bind(None, None)
+    except TypeError:
+        return False
+    except ValueError:  # of code in C, whose signature is unknown
+        return True
+    return True
 
 
 @dataclass(frozen=True, slots=True)
