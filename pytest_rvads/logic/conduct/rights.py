@@ -258,7 +258,7 @@ def owes_crossing(block: Block) -> NDArray[np.bool_]:
 
 
 def in_turns(cast: Cast) -> Pairs:
-    """Return the pairs of vehicles that go by the order of arrival, see `cast.in_turn`."""
+    """Return the pairs of vehicles that go by the order of arrival, see `in_turn`."""
     return pairs(cast, lambda agent, other: in_turn(cast.junction, cast.agents[agent].way.key, cast.agents[other].way.key))
 
 
