@@ -243,7 +243,10 @@ class Policy:
 
 def policy_name(factory: Factory) -> str:
     """Return the name of a traffic policy for the ids of tests: the name of a known policy, or the name of the factory."""
-    return next((name for name in policies() if traffic(name) is factory), "") or _in_ids(factory)
+    place = f"{getattr(factory, '__module__', '')}:{getattr(factory, '__qualname__', '')}"
+    known = (name for name, policy in POLICIES.items() if policy is factory)
+    added = (name for name, entry in entries("policies").items() if entry.value == place)
+    return next(known, "") or next(added, "") or _in_ids(factory)
 
 
 def policies() -> tuple[str, ...]:
