@@ -154,3 +154,20 @@ def test_the_table_of_rooms_is_the_contract() -> None:
     told = page.partition("Within `logic/`")[2].partition("\n\n")[0]
     layers = [name for layer in within["layers"] for name in sorted(layer.split(" | "))]
     assert [name for name in re.findall(r"`(\w+)/?`", told) if name in layers][: len(layers)] == layers
+
+
+def test_the_page_on_the_architecture_and_its_route_stay_short() -> None:
+    """In the route, a name without a folder lies in the folder of the name before."""
+    page = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
+    route, vocabulary = (page.partition(f"\n## {title}\n")[2].partition("\n## ")[0] for title in ("A route", "Vocabulary"))
+    modules, folder = [], ""
+    for name in re.findall(r"`([\w/]+)`", " ".join(re.findall(r"^\d+\. ([^:]*):", route, re.MULTILINE))):
+        room, _, module = name.rpartition("/")
+        folder = room or folder
+        modules.append(ROOT / "pytest_rvads" / folder / f"{module}.py")
+    assert f"These {len(set(modules))} modules" in route
+    assert len(modules) <= 40
+    assert sum(len(module.read_text(encoding="utf-8").splitlines()) for module in modules) <= 10_000
+    assert len(page.splitlines()) <= 140
+    _header, *rows = re.findall(r"^\| ", vocabulary, re.MULTILINE)
+    assert len(rows) <= 26

@@ -52,7 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     width, lines = shutil.get_terminal_size().columns - 2, list[str]()
     for title, names in _GROUPS.items():
         lines.append(f"{title}:")
-        for name in names:
+        for name in filter(helps.__contains__, names):
             lines += wrap(helps[name], width, initial_indent=f"  {name:<10}", subsequent_indent=" " * 12)
     others = sorted(helps.keys() - {name for names in _GROUPS.values() for name in names})
     lines += wrap(f"further commands: {', '.join(others)} ({page('everything-else')})", width, subsequent_indent="  ")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from pytest_rvads.cli.common import Subparsers, make_folder, named_rules, processes, say, share
 from pytest_rvads.support.errors import FormulaError
-from pytest_rvads.support.installed import load
+from pytest_rvads.support.installed import entries, load
 
 if TYPE_CHECKING:
     from pytest_rvads.logic.ltl.ltl3 import Machine
@@ -48,7 +48,8 @@ def declare(commands: Subparsers) -> None:
     check.add_argument(
         "-v", "--verbose", action="store_true", help="print all verdicts, warnings and key performance indicators of every run"
     )
-    load("streams", "follow").declare(check)
+    if "follow" in entries("streams"):
+        load("streams", "follow").declare(check)
     check.set_defaults(command=_check_runs)
 
 
@@ -117,11 +118,12 @@ def _rule_entry(rule: Rule) -> str:
 
 
 def _check_runs(options: argparse.Namespace) -> int:
-    following = load("streams", "follow")
-    if options.follow:
-        status: int = following.follow(options)
-        return status
-    following.refuse_without(options)
+    if "follow" in entries("streams"):
+        following = load("streams", "follow")
+        if options.follow:
+            status: int = following.follow(options)
+            return status
+        following.refuse_without(options)
     from pytest_rvads.cli.check_output import Teller
     from pytest_rvads.cli.run_answers import Judge, judged
 

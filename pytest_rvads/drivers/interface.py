@@ -22,23 +22,6 @@ from pytest_rvads.runs.states import Agent, Colour, Vehicle, VehicleState
 from pytest_rvads.support.errors import AutopilotError
 
 
-def check_factory(factory: Any) -> None:
-    """Check that an object is a factory of autopilots."""
-    if not callable(factory):
-        raise AutopilotError(
-            f"an autopilot must be a class or a callable that makes one, got {factory!r}: every vehicle of every run "
-            "gets a new one, so pass the class, not an instance"
-            + ("; rvads.traffic(name) returns a traffic policy" if isinstance(factory, str) else "")
-        )
-
-
-def wrong_label(driver: Any) -> str:
-    """Return an error message about the label of a driver that is no text; an empty text if the label is fine."""
-    label = getattr(driver, "label", None)
-    fine = label is None or isinstance(label, str) or callable(label)
-    return "" if fine else f"its label must be a text, got an object of type {type(label).__name__}"
-
-
 class Observation(NamedTuple):
     """All information that an autopilot gets for a decision; "own" refers to the vehicle of the autopilot."""
 
@@ -49,7 +32,7 @@ class Observation(NamedTuple):
     others: tuple[VehicleState, ...]
     """The other vehicles that have not left the run, in the order in which they were created."""
     lights: tuple[Colour, ...]
-    """Colour of the traffic light at each entrance."""
+    """Colour of the traffic light at each entrance, then at the other starts of ways, see `Junction.starts`."""
     itinerary: Itinerary
     """Approach, movement and exit road of the own vehicle; `VehicleState.station` is measured along it."""
     junction: Junction
@@ -223,3 +206,20 @@ class TrafficSystem(ABC):
     @abstractmethod
     def autopilots(self, agents: Sequence[Agent], /) -> Sequence[Drives]:
         """Return an autopilot per agent, in the order of `agents`, which is the order in which the vehicles are created."""
+
+
+def check_factory(factory: Any) -> None:
+    """Check that an object is a factory of autopilots."""
+    if not callable(factory):
+        raise AutopilotError(
+            f"an autopilot must be a class or a callable that makes one, got {factory!r}: every vehicle of every run "
+            "gets a new one, so pass the class, not an instance"
+            + ("; rvads.traffic(name) returns a traffic policy" if isinstance(factory, str) else "")
+        )
+
+
+def wrong_label(driver: Any) -> str:
+    """Return an error message about the label of a driver that is no text; an empty text if the label is fine."""
+    label = getattr(driver, "label", None)
+    fine = label is None or isinstance(label, str) or callable(label)
+    return "" if fine else f"its label must be a text, got an object of type {type(label).__name__}"

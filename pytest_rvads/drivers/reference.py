@@ -99,7 +99,7 @@ class Reference(Follower):
         return Light(paper=not self._tie) if seen.junction.control is JunctionControl.LIGHTS else StopSign(self._tie)
 
     def control(self, seen: Observation) -> Control:
-        """Return throttle, brake and steering for the next step."""
+        """Return throttle, brake and steering for the next step, for the least of the accelerations that its parts ask for."""
         everybody, seen = seen, seen.on_movements()
         acceleration = self.towards(everybody, self.target_speed(everybody))
         zone = seen.me.zone
@@ -121,15 +121,15 @@ class Reference(Follower):
                 acceleration = stop if stop < acceleration else acceleration
             else:
                 self._stopping.reset()
-        if seen.others and acceleration > -math.inf:
+        if seen.others and acceleration > -math.inf:  # -inf holds a standing vehicle, see `Follower.drive`
             if not stops:
                 # A vehicle that stops at its line need not keep a distance to vehicles from other lanes.
-                gap = behind_leader(seen)
-                acceleration = gap if gap < acceleration else acceleration
+                follow = behind_leader(seen)
+                acceleration = follow if follow < acceleration else acceleration
             if leader is not None:
                 acceleration = min(acceleration, behind(seen, leader))
-            gap = clear_of_bodies(seen, self._track or self.track(seen), leader, foresees=self._meetings is not None)
-            acceleration = min(acceleration, gap, clear_of_standing(seen, self._track or self.track(seen)))
+            clear = clear_of_bodies(seen, self._track or self.track(seen), leader, foresees=self._meetings is not None)
+            acceleration = min(acceleration, clear, clear_of_standing(seen, self._track or self.track(seen)))
             if zone is JUNCTION:
                 crossing = clear_of_crossing(seen) if self._meetings is None else clear_of_meetings(seen, self._meetings)
                 acceleration = min(acceleration, crossing)

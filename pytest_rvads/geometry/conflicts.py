@@ -15,6 +15,7 @@ from pytest_rvads.geometry.ways import Key, Way
 from pytest_rvads.support.errors import MapError
 
 _SPACING = 0.5
+"""Distance between two points of a centre line that are compared [m]."""
 _PART = 128
 """Number of points of a part of a line; only parts with boxes near each other are compared point by point."""
 _MOST_PARTS = 20_000

@@ -81,7 +81,8 @@ class Junction:
     So the starts of these ways have other numbers than all entrances, and their ends have other numbers than all exits.
     """
     crossings: tuple[Crosswalk, ...] = ()
-    """The crosswalks over the arms. The digest ignores crosswalks until pedestrians walk there, see `walked`."""
+    """The crosswalks over the arms; the crossings, which are ways, are in `further` of the junction `walked`. The digest ignores
+    crosswalks until pedestrians walk there."""
 
     def __post_init__(self) -> None:
         arms = {entrance.arm for entrance in self.entrances} | {exit.arm for exit in self.exits}
@@ -136,7 +137,7 @@ class Junction:
         """The junction for runs in which pedestrians walk: every crosswalk has two crossings and a parking place as further ways.
 
         Of n crosswalks, crosswalk k has the further ways 2k, from the near side to the far side, and 2k + 1, in the opposite
-        direction. The parking place before the crosswalk is the further way 2n + k.
+        direction. The parking place before the crosswalk, for a vehicle that hides the kerb, is the further way 2n + k.
         """
         if self.further or not self.crossings:
             return self
@@ -177,7 +178,7 @@ class Junction:
 
     @cached_property
     def ways(self) -> int:
-        """Number of arms."""
+        """Number of arms, as in "4-way"; the ways through the junction are in `every_way`."""
         return len(self.arms)
 
     @cached_property

@@ -9,6 +9,9 @@ The first of these criteria that applies to two movements decides (Vienna Conven
 4. If the map shows that a lane joins another lane, the movement on the joining lane gives way.
 5. One movement comes from the right of the other movement and has priority.
 
+Movements from the same arm have no priority: the vehicle ahead goes first. Between two lights that are not opposite, only the
+first criterion applies.
+
 Lanes of two entrances at a flat angle come together and do not cross. If the map does not show which of two such lanes joins the
 other lane, their priority can't be decided. At an all-way stop, priority counts between vehicles that arrive together; at lights,
 between vehicles that both have green.
@@ -39,6 +42,7 @@ The ranks follow the Vienna Convention on Road Signs and Signals 1968, signs B,1
 way to the road ahead. Between two vehicles with signs of the same rank, the sides from which the vehicles come decide.
 """
 _AHEAD = 1e-6
+"""Difference from opposite headings up to which two entrances count as facing each other [rad]."""
 _FLAT = math.radians(50.0)
 """Angle between entrances below which their lanes come together and do not cross [rad].
 
@@ -74,7 +78,9 @@ class Precedence:
     """The starts of all ways, the entrances first."""
     ways: Mapping[Key, Way]
     right_of: Collection[tuple[int, int]]
+    """Pairs of entrances, see `Junction.right_of`."""
     opposite: Collection[tuple[int, int]]
+    """Pairs of entrances that face each other."""
     stated: Collection[tuple[Key, Key]]
     """Pairs of movements of which, according to the map, the first gives way to the second."""
     joining: Collection[tuple[Key, Key]]
@@ -85,6 +91,7 @@ class Precedence:
     @cached_property
     def _poses(self) -> Mapping[int, Pose]:
         """Per entrance, the pose at which its movements begin."""
+        # In reverse order, so that the first movement of an entrance is the one that counts.
         movements = reversed([way for way in self.ways.values() if isinstance(way, Movement)])
         return {movement.entrance: movement.path.pose(0.0) for movement in movements if movement.path}
 

@@ -22,7 +22,7 @@ from pytest_rvads.geometry.conflicts import Stretch
 from pytest_rvads.geometry.control import MapObject, ObjectKind, sign_of_arm
 from pytest_rvads.geometry.crosswalk_arms import lay
 from pytest_rvads.geometry.crosswalks import Crosswalk
-from pytest_rvads.geometry.graph import Locator, MetricGraph, Track, walk
+from pytest_rvads.geometry.graph import MetricGraph, walk
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.network import DeclaredJunction, Doubt, Edge, MapWarning, Network, gathered
 from pytest_rvads.geometry.opendrive.builder import read_network
@@ -71,21 +71,6 @@ class RoadMap:
                 )
                 warnings.append(MapWarning(Doubt.BEND, message, None, report.id))
         return tuple(warnings)
-
-    @cached_property
-    def locator(self) -> Locator:
-        """The locator, which finds the segments of this map that a pose can be on."""
-        return Locator(map(self.graph.segment, self.graph.segments))
-
-    def track(self, id: str, entrance: int, exit: int) -> Track:
-        """Return the segments of the metric graph from the start of an approach through junction `id` down an exit road."""
-        report = self.report(id)
-        way = next((way for way in report.movements if (way.entrance, way.exit) == (entrance, exit)), None)
-        if way is None:
-            raise MapError(f"junction {id!r} of map file {self.path} has no movement from entrance {entrance} to exit {exit}")
-        before = self.walk(way.path.entrance, upstream=True)[::-1]
-        after = self.walk(way.path.exit, upstream=False)
-        return Track([self.graph.segment(edge) for edge in (*before, *way.path.edges, *after)])
 
     def relations(self, report: JunctionReport) -> Junction | None:
         """Return a junction for relations between its ways, with roads only if it has crosswalks; None if it is unusable."""

@@ -1,7 +1,8 @@
 """Judges a run by a rule: Algorithm 1 of the paper, extended by a status for obligations that are open when the run ends.
 
-`check` makes the instances of a rule (the rule for certain vehicles and entrances), judges the instances, finds who is to blame
-and what follows for the rule, and then puts the `Judgement` into words.
+`check` makes the instances of a rule (`prepare`: the rule for certain vehicles and entrances), judges the instances (`judge`, and
+`doubted` for other readings of a recording), and finds who is to blame (`blamed`) and what follows for the rule (`attribute`).
+Then it makes the `Judgement`, and puts the judgement into words (`tell`).
 """
 
 from __future__ import annotations
@@ -84,13 +85,13 @@ def check(
         tallied = counted(Counter[Outcome | None](verdict.outcome for verdict in verdicts))
         return structs.replace(worst, message=f"{rule}: {tallied}; {worst.message}", notes=(*worst.notes, *others))
     rule = get_rule(rule, book)
-    window = rule.tie if tie is None else tie
-    if not 0 <= window <= LONGEST_TIE:
+    tie_window = rule.tie if tie is None else tie
+    if not 0 <= tie_window <= LONGEST_TIE:
         raise RunError(f"the tie window must be a number of seconds from 0 to {LONGEST_TIE:,}, got {tie!r:.60}")
     broken = once(run, damage)
     if broken:
         return tell(Judgement(rule, Status.ERROR, Reason.DAMAGED, run.fault.reason if run.fault else str(broken[0])), run)
-    values = Values(without_jumps(run), window, standing=standing)
+    values = Values(without_jumps(run), tie_window, standing=standing)
     judgement = _judgement(rule, values, book, run, itinerary=itinerary)
     if run.fault and (judgement.status is not Status.FAIL or judgement.provoked or judgement.unavoidable):
         judgement = Judgement(rule, Status.ERROR, Reason.DAMAGED, run.fault.reason)

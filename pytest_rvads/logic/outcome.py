@@ -1,4 +1,8 @@
-"""Outcomes: every status that the record of a test can have, with its severity, its spelling and its style in reports."""
+"""Outcomes: every status that the record of a test can have, with its severity, its spelling and its style in reports.
+
+A verdict has a `Status`, which says how the run keeps the rule. Its outcome is the status, or PROVOKED or UNAVOIDABLE if the
+vehicle under test is not to blame. A test can have outcomes that no verdict has, such as NOT JUDGED.
+"""
 
 from __future__ import annotations
 

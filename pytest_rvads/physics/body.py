@@ -106,6 +106,7 @@ class Dynamics:
         self.steering = 0.0
         """Angle of the front wheels [rad]."""
         self._pull = 0.0
+        """Force of the tyres along the vehicle in the last step, which shifts load between the axles [N]."""
 
     def forces(
         self, cos: float, sin: float, vx: float, vy: float, yaw_rate: float, throttle: float, brake: float, steering: float
@@ -190,7 +191,7 @@ def _cornering(slip: float, along: float, stiffness: float, cap: float) -> float
 
 
 class Body:
-    """One simulated vehicle: its dynamics, and its station on the itinerary, at the start that of its reference point [m]."""
+    """One simulated vehicle: its dynamics, and the place of its reference point on the itinerary, at the start `station` [m]."""
 
     state: VehicleState
     """The last sampled state."""

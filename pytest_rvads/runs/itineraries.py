@@ -31,7 +31,7 @@ LEAVE = 15.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Itinerary:
-    """The path of one vehicle: approach, movement through the junction and exit road, joined to one line."""
+    """The path of one agent: approach, way through the junction and exit road, joined to one line."""
 
     entrance: int
     """Number of the entrance, or of the start of the way, see `Junction.starts`."""
@@ -44,7 +44,7 @@ class Itinerary:
     origin: float
     """Arc length of the entrance vertex on `path` [m]."""
     length: float
-    """Length of the movement [m]."""
+    """Length of the way through the junction [m]."""
     line: float
     """Station of the stopping line; above 0 for a line that is painted behind the entrance vertex [m]."""
     entry: float = field(init=False)
@@ -52,7 +52,7 @@ class Itinerary:
     end: float = field(init=False)
     """Station of the end of the itinerary, on the exit road [m]."""
     leave: float = field(init=False)
-    """Station from which on the vehicle counts as having left [m]."""
+    """Station from which on the agent counts as having left the junction, see `LEAVE`; at `end`, the agent leaves the run [m]."""
     borders: NDArray[np.float64] = field(init=False)
     """Stations at which the zones after `APPROACH` begin, shape ``(4,)`` [m]."""
     limits: Limits = field(init=False)

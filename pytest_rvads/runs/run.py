@@ -1,8 +1,9 @@
 """Runs: the sequence of states that a simulation or a recording yields (paper, section 4.2).
 
-Runs are values. A verdict depends on what the hash of a run covers, and on nothing else: the states with their accuracy, the
-name, route, kind and size of every agent, collisions, `Facts`, fault, excerpt and junction. `Run.provenance` tells where a run
-comes from, and no code that judges reads the provenance. ``collisions=None`` means that collisions were not recorded.
+Runs are values. A verdict depends on what the hash of a run covers, and on nothing else: label and time step, the states with
+their accuracy, the name, way, kind and size of every agent, collisions, `Facts`, fault, excerpt and junction. `Run.provenance`
+tells where a run comes from, and no code that judges reads the provenance. ``collisions=None`` means that collisions were not
+recorded.
 
 A run keeps the results of functions that are called by `once`, so that all rules that judge the run share the results. Such a
 result must not hold the run, because the circle of references would keep the run in memory until the next garbage collection.
@@ -39,7 +40,7 @@ PARTS = {"pose": ("x", "y", "heading"), "controls": ("throttle", "brake", "steer
 FAULT, LATE = "fault", "late"
 """Reasons for the end of a run, as its provenance holds them: a fault, and a fault because a limit of real time was exceeded."""
 RAISED: dict[str, Any] = {}
-"""The reason of the last fault of this process, and the exception that caused it, which a run, a stored value, can't hold."""
+"""The last fault of this process: its reason, and the exception that caused it. A run is stored, and can't hold an exception."""
 Positive = Annotated[float, Meta(gt=0.0, le=sys.float_info.max)]
 """A finite number above 0, as run files hold it."""
 
@@ -63,9 +64,9 @@ class Fault:
     time: float
     """Time of the fault since the start of the run [s]."""
     agent: str
-    """Name of the vehicle whose autopilot or plant caused the fault."""
+    """Name of the vehicle whose autopilot or body caused the fault."""
     reason: str
-    """One sentence naming autopilot or plant and what went wrong."""
+    """One sentence that names the autopilot or the body and says what went wrong."""
     detail: str = field(default="", compare=False)
     """The last text that a driver in another process wrote to its standard error; not part of the run's hash."""
 
@@ -211,7 +212,10 @@ class Run:
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 over states, collisions, fault, agents, facts, excerpt and junction; equal hashes mean equal verdicts."""
+        """SHA-256 over label, time step, states, spread, collisions, fault, agents, facts, excerpt and junction.
+
+        Equal hashes mean equal verdicts.
+        """
         sha = hashlib.sha256()
         # Only a vehicle whose way is not decided has other exits in the hash, so that all other runs keep their hashes.
         agents = [[a.name, a.way.key, a.kind, a.size, *([a.other_exits] if a.other_exits else [])] for a in self.agents]
@@ -339,6 +343,7 @@ _ENUMS = {"zone": Zone, "lights": Colour}
 
 
 def _first_difference(one: Run, other: Run, field: str) -> Divergence | None:
+    """Return the first difference between the arrays `field` of two runs, in order of time; None if the arrays are equal."""
     a: NDArray[Any] | None = getattr(one, field)
     b: NDArray[Any] | None = getattr(other, field)
     if a is None or b is None:

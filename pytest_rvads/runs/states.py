@@ -1,7 +1,7 @@
-"""Agents: the parameters of a vehicle, the states of agents and lights (paper, section 4.2), and signal plans.
+"""Agents, their states and the states of lights (paper, section 4.2), signal plans, and the parameters of a vehicle.
 
-The parameters of a vehicle determine its simulated dynamics, and autopilots can read the parameters. A signal plan is the fixed
-cycle of the lights of a junction.
+A signal plan is the fixed cycle of the lights of a junction. The parameters of a vehicle determine its simulated dynamics, and
+autopilots can read the parameters.
 
 A `VehicleState` is made hundreds of times per simulated second; it is a named tuple because a frozen dataclass costs three
 times as much to build.
@@ -155,13 +155,13 @@ numbers = itemgetter(*map(VehicleState._fields.index, NUMBERS))
 """Returns the values of these fields of a `VehicleState`."""
 
 
-GREEN, YELLOW, CLEARANCE = 15.0, 3.0, 2.0
+GREEN_TIME, YELLOW_TIME, CLEARANCE = 15.0, 3.0, 2.0
 """Durations [s] of the recorded junctions: green, yellow, all red before the next group."""
 CLEARING, WALK = 1.07, 4
 """Pedestrian lights (MUTCD 4E.06): walking speed that flashing DON'T WALK allows for [m/s], least duration of WALK [s]."""
 STEADY = 1.0
 """Colours of lights change at whole multiples of this time and at no other time [s]."""
-SLOT = GREEN + YELLOW + CLEARANCE
+SLOT = GREEN_TIME + YELLOW_TIME + CLEARANCE
 """Time from the green of a group to the green of the next group [s]."""
 _NONE, *_PHASES = Colour  # green, yellow, red
 
@@ -186,6 +186,8 @@ class SignalPlan:
     def colours(self, time: float, entrances: int) -> tuple[Colour, ...]:
         """Return the colour at each entrance at `time` since the run began [s]; NONE for an entrance in no group.
 
+        With the number of all starts of ways (`Junction.starts`) as `entrances`, the colours of pedestrian lights follow.
+
         A pedestrian light shows green (WALK) in the green of its group, yellow (flashing DON'T WALK) for the last part of that
         green, and red else. Yellow is as long as a crossing at `CLEARING` takes, and green is at least `WALK` long (MUTCD 4E.06).
         """
@@ -193,15 +195,15 @@ class SignalPlan:
             return (_NONE,) * entrances
         # Times are sums of steps of 0.01 s; rounding keeps a phase change on its tick.
         turn, within = divmod(round(time + self.elapsed, 6), SLOT)
-        phase = 0 if within < GREEN else 1 if within < GREEN + YELLOW else 2
+        phase = 0 if within < GREEN_TIME else 1 if within < GREEN_TIME + YELLOW_TIME else 2
         active = (int(turn) + self.first) % len(self.groups)
         colours = _colours_of_phases(self.groups, entrances)[active][phase]
         if not self.walks:
             return colours
         with_walks = list(colours)
         for start, group, length in self.walks:
-            walk = max(math.floor(GREEN - length / CLEARING), WALK)
-            flashing = Colour.YELLOW if within < GREEN else Colour.RED
+            walk = max(math.floor(GREEN_TIME - length / CLEARING), WALK)
+            flashing = Colour.YELLOW if within < GREEN_TIME else Colour.RED
             if start >= entrances:
                 break  # only the lights of vehicles are asked for
             with_walks[start] = Colour.RED if group != active else Colour.GREEN if within < walk else flashing
@@ -209,7 +211,7 @@ class SignalPlan:
 
     def phases(self) -> list[tuple[float, float]]:
         """Return begin and duration [s] of every phase in the first cycle of a run; a phase that runs at t = 0 is cut in two."""
-        ends = [turn * SLOT + end for turn in range(len(self.groups)) for end in (GREEN, GREEN + YELLOW, SLOT)]
+        ends = [turn * SLOT + end for turn in range(len(self.groups)) for end in (GREEN_TIME, GREEN_TIME + YELLOW_TIME, SLOT)]
         cycle = len(self.groups) * SLOT
         changes = sorted({0.0, *((end - self.elapsed) % cycle for end in ends)})
         return [(begin, end - begin) for begin, end in pairwise([*changes, cycle])] if self.groups else []
@@ -317,5 +319,5 @@ class Vehicle:
 
 def usual_body(length: float, width: float) -> Body:
     """Return the body of a usual car scaled to this size [m], for a vehicle whose axles and steering are not known."""
-    size = length / CAR.length
-    return Body(length, width, CAR.axle * size, CAR.radius * size)
+    scale = length / CAR.length
+    return Body(length, width, CAR.axle * scale, CAR.radius * scale)

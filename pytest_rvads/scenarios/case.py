@@ -88,7 +88,7 @@ class Case:
         return replace(self, scenario=self.scenario.but(**changes))
 
     def starts(self) -> tuple[tuple[float, float], ...]:
-        """Return, per agent, its distance to the stopping line [m] and its speed [m/s], in the order of `agents`.
+        """Return, per vehicle, its distance to the stopping line [m] and its speed [m/s], in the order of `vehicles`.
 
         Raises:
             ScenarioError: a vehicle has no room at its start, see `Scenario.starts`.

@@ -39,6 +39,14 @@ WAYS = range(3, 9)
 """Numbers of arms for which the paper's method is defined here."""
 OCCUPANCIES = ("arms", "lanes")
 """The occupied entrances of a full scenario: one entrance on each arm, or all entrances."""
+_DIGITS = "0123456789abcdefghijklmnopqrstuvwxyz"
+"""The digits of directions in texts."""
+PAIRED = ("pairs", "conflicts")
+"""Names of the covers by pairs: all pairs of movements from different entrances, and the pairs that cross or merge."""
+Pair = tuple[Key, Key]
+"""Two movements; the movement from the entrance with the lower number is first."""
+_Pick = tuple[int, int]
+"""Number of a slot (an arm or lane), and number of a direction among the possible directions in the slot."""
 
 
 def rotate(code: tuple[T, ...], rows: int) -> tuple[T, ...]:
@@ -233,17 +241,6 @@ def _letters(lanes: Sequence[Directions], partial: bool) -> tuple[Directions, ..
     return tuple(sorted(occupied if occupied and not partial else [nobody, *occupied]))
 
 
-_DIGITS = "0123456789abcdefghijklmnopqrstuvwxyz"
-
-PAIRED = ("pairs", "conflicts")
-"""Names of the covers by pairs: all pairs of movements from different entrances, and the pairs that cross or merge."""
-
-Pair = tuple[Key, Key]
-"""Two movements; the movement from the entrance with the lower number is first."""
-_Choice = tuple[int, int]
-"""Number of a slot (an arm or lane), and number of a direction among the possible directions in the slot."""
-
-
 def parse(directions: str | Sequence[int]) -> Directions:
     """Read directions from a string such as ``"1133"``, or ``"13_2_0_31"`` for arms with several lanes, or from integers."""
     digits: object = directions
@@ -305,7 +302,7 @@ def covering(
     required = frozenset(pairs_at(place, conflicting=conflicting))
     slots = _placed(place, orbits, seat)
     moves = [[key for _, key in slot] for slot in slots]
-    missing: dict[tuple[_Choice, _Choice], None] = {}
+    missing: dict[tuple[_Pick, _Pick], None] = {}
     for i, j in combinations(range(len(moves)), 2):
         for (rank, key), (later_rank, later_key) in product(enumerate(moves[i]), enumerate(moves[j])):
             if (key, later_key) in required:
@@ -357,14 +354,14 @@ def _placed(place: Junction, orbits: Orbits, seat: int | None) -> list[list[tupl
     return slots
 
 
-def _row(sizes: Sequence[int], missing: Collection[tuple[_Choice, _Choice]]) -> list[int]:
+def _row(sizes: Sequence[int], missing: Collection[tuple[_Pick, _Pick]]) -> list[int]:
     """Return a scenario with the first missing pair, and in the other slots the directions that add most missing pairs.
 
     The scenario is given per slot (arm or lane), by the number of a direction among the possible directions in the slot.
     """
     row = dict(next(iter(missing)))
 
-    def gain(choice: _Choice) -> tuple[int, int, int]:
+    def gain(choice: _Pick) -> tuple[int, int, int]:
         pairs = ((choice, chosen) if choice < chosen else (chosen, choice) for chosen in row.items())
         return sum(pair in missing for pair in pairs), -choice[0], -choice[1]
 

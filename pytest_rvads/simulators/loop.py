@@ -48,6 +48,10 @@ from pytest_rvads.support.installed import versions
 _RECORDED = [(array, number) for array in ARRAYS for number in PARTS.get(array, (array,)) if number in NUMBERS]
 """The numbers of a `VehicleState` that a run holds, each with its array."""
 _recorded = itemgetter(*(VehicleState._fields.index(number) for _, number in _RECORDED))
+_IDLE = Control()
+"""The controls of a body that no driver controls."""
+_STEADY = round(STEADY / DT)
+"""Number of steps between two updates of the lights."""
 
 
 class Loop:
@@ -266,11 +270,6 @@ class Loop:
         self._step += 1
 
 
-_IDLE = Control()
-_STEADY = round(STEADY / DT)
-"""Number of steps between two updates of the lights."""
-
-
 class Walker:
     """A pedestrian, or a parked vehicle, in a run with vehicles on their itineraries."""
 
@@ -349,7 +348,7 @@ class Recorder:
         self._controls: list[float] = []
 
     def state(self, states: Sequence[VehicleState], lights: tuple[Colour, ...]) -> None:
-        """Add a state: one `VehicleState` per agent, one colour per entrance."""
+        """Add a state: one `VehicleState` per agent, one colour per start of a way."""
         zones, motions = self._zones, self._motions
         for state in states:
             zones.append(state.zone)

@@ -73,11 +73,13 @@ class Watch:
 
         self.thread, self._process = threading.get_ident(), os.getpid()
         self.signalled = _SIGNAL is not None and self.thread == threading.main_thread().ident
-        outer = getattr(signal.getsignal(_SIGNAL), "__self__", None) if _SIGNAL is not None and self.signalled else None
+        handler: Any = signal.getsignal(_SIGNAL) if _SIGNAL is not None and self.signalled else None
+        while isinstance(outer := getattr(handler, "__self__", None), Watch) and outer._process == self._process:
+            handler = outer._before
         dump = limits.dump
         if parent_process() is not None and dump != NEVER:
             dump = _STANDARD_ERROR  # a descriptor of the parent process may mean another file here
-        if dump == NEVER or (isinstance(outer, Watch) and outer._process != self._process):
+        if dump == NEVER or isinstance(outer, Watch):
             # A process forked during a run lacks the thread of the timer, which holds the lock of the timer.
             dump = None
         self.limits = limits._replace(dump=dump)

@@ -32,15 +32,15 @@ from pytest_rvads.simulators.patience import TooLate, Watch
 from pytest_rvads.support.errors import AutopilotError, place_of
 from pytest_rvads.support.wording import one_line, printable
 
-_LONGEST = 4096
+_MOST_DETAIL = 4096
 """Greatest length of the detail of a fault [characters]."""
-_REASON = 2000
+_MOST_REASON = 2000
 """Greatest length of the reason of a fault [characters]."""
-_TEXT = 400
+_MOST_TEXT = 400
 """Greatest length of a text of ``timing()`` or of an exception of an autopilot [characters]."""
-_DAY = 86400.0
+_LONGEST_PERIOD = 86400.0
 """Longest period of an autopilot [s]."""
-_TIMES = 32
+_MOST_TIMINGS = 32
 """Greatest number of entries of ``timing()`` of an autopilot."""
 
 
@@ -64,14 +64,15 @@ class Seat:
                 objection = "an autopilot needs a method control(seen: Observation) -> Command"
             if not objection:
                 self._ask = autopilot.control
+                # A driver in another process can keep limits of its own, see `own_limits` of its autopilot.
                 self._limited = not getattr(autopilot, "own_limits", False)
                 period = getattr(autopilot, "period", DT)
                 number = float(period) if isinstance(period, Real) and not isinstance(period, bool) else 0.0
-                steps = round(number / DT) if 0.0 < number < _DAY else 0
+                steps = round(number / DT) if 0.0 < number < _LONGEST_PERIOD else 0
                 self._every = steps if math.isclose(steps * DT, number, rel_tol=1e-9) else 0
                 objection = "" if self._every else f"its period must be a whole multiple of {DT:g} s, got {period!r:.60}"
         if objection:
-            raise Halt(agent.name, f"{self.name} can't drive {agent.name}: {one_line(objection, _REASON)}")
+            raise Halt(agent.name, f"{self.name} can't drive {agent.name}: {one_line(objection, _MOST_REASON)}")
         self.excess: tuple[int, float] | None = None
         """Number of accelerations that the vehicle can't reach, and the largest of them [m/s^2]; None without any."""
         self._held: Command = Control()
@@ -81,7 +82,7 @@ class Seat:
         self._latency = Latency(senses, key) if senses.latency or senses.jitter else None
 
     def command(self, step: int, seen: Observation) -> Control:
-        """Return the control for the step that starts in state number `step`."""
+        """Return the control for the step that starts in state number `step`; the autopilot is asked every `_every` steps."""
         if self._perception is not None:
             self._perception.watch(seen)
         if step % self._every == 0:
@@ -104,11 +105,11 @@ class Seat:
                 measurements = self.autopilot.timing()
                 if not isinstance(measurements, Mapping):
                     return None
-                for name, value in islice(measurements.items(), _TIMES):
+                for name, value in islice(measurements.items(), _MOST_TIMINGS):
                     if isinstance(value, str):
-                        entries[one_line(str(name), _TEXT)] = one_line(value, _TEXT)
+                        entries[one_line(str(name), _MOST_TEXT)] = one_line(value, _MOST_TEXT)
                     elif isinstance(value, Real) and math.isfinite(number := float(value)):
-                        entries[one_line(str(name), _TEXT)] = int(value) if isinstance(value, int) else number
+                        entries[one_line(str(name), _MOST_TEXT)] = int(value) if isinstance(value, int) else number
                 return entries
         except Halt as halt:  # measurements are no part of the run, so an error in them does not end the run
             if halt.end == LATE:
@@ -116,6 +117,7 @@ class Seat:
             return None
 
     def _answer(self, seen: Observation) -> Command:
+        """Return the command that the autopilot gives on an observation, checked and in plain numbers."""
         watched = self._watch
         if self._limited:
             watched.asked = seen
@@ -223,21 +225,21 @@ def _fault(watch: Watch, error: BaseException, doing: str, agent: Agent, autopil
         late, detail = watch.late, _detail(watch, autopilot, "abandon")
         if not late:
             raise error
-        return Halt(agent.name, one_line(f"{doing}{when}: {late}", _REASON), detail, LATE)
+        return Halt(agent.name, one_line(f"{doing}{when}: {late}", _MOST_REASON), detail, LATE)
     if isinstance(error, UnfitCommand):
-        return Halt(agent.name, one_line(f"{doing}{when} returned {error}", _REASON), _detail(watch, autopilot, "abandon"))
+        return Halt(agent.name, one_line(f"{doing}{when} returned {error}", _MOST_REASON), _detail(watch, autopilot, "abandon"))
     if isinstance(error, AutopilotError):
         from pytest_rvads.drivers.stacks.child import StackError, StackTimeout
 
         named = not when and isinstance(error, StackError)  # its text names the stack
         end = LATE if isinstance(error, StackTimeout) else FAULT
         reason = str(error) if named else f"{doing}{when}: {error}" if str(error) else f"{doing} {_describe(watch, error)}{when}"
-        return Halt(agent.name, one_line(reason, _REASON), _detail(watch, error, "detail"), end)
-    return Halt(agent.name, one_line(f"{doing} {_describe(watch, error)}{when}", _REASON))
+        return Halt(agent.name, one_line(reason, _MOST_REASON), _detail(watch, error, "detail"), end)
+    return Halt(agent.name, one_line(f"{doing} {_describe(watch, error)}{when}", _MOST_REASON))
 
 
 def _detail(watch: Watch, source: Any, name: str) -> str:
-    """Return the text of an attribute or method of `source`, at most its last `_LONGEST` characters."""
+    """Return the text of an attribute or method of `source`, at most its last `_MOST_DETAIL` characters."""
     watch.asked = object()
     try:
         value = getattr(source, name, None)
@@ -249,7 +251,7 @@ def _detail(watch: Watch, source: Any, name: str) -> str:
         text = f"{name} {_describe(watch, error)}"
     finally:
         watch.asked = None
-    return printable(text[-_LONGEST:], _LONGEST)
+    return printable(text[-_MOST_DETAIL:], _MOST_DETAIL)
 
 
 def _describe(watch: Watch, error: BaseException) -> str:
@@ -266,7 +268,7 @@ def _read(watch: Watch, compute: Callable[[], str], otherwise: str) -> str:
     """Return a text that code of a driver computes, on one line; `otherwise` if this code raises an exception."""
     watch.asked = compute
     try:
-        return one_line(compute(), _TEXT)
+        return one_line(compute(), _MOST_TEXT)
     except KeyboardInterrupt:
         raise
     except BaseException:  # the run has ended anyway

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from importlib.util import find_spec
+from inspect import signature
 from numbers import Real
 from pathlib import Path
 from typing import Any, Protocol
@@ -101,13 +102,26 @@ def usable(simulator: Any, label: str = "") -> Simulator:
         objection = f"has no {missing}"
     elif not (isinstance(name := getattr(simulator, "name", None), str) and name):
         objection = f"is called {name!r}, which is no name"
+    elif not _takes_watch(simulator):
+        objection = "can't be called with two arguments"
     else:
         checked: Simulator = simulator
         return checked
     raise ScenarioError(
         f"simulator {label or f'{simulator!r:.60}'} {objection}: it has to be an object with a name, a text, and "
-        "vmax(distance, aggression, vehicle), that can be called with a case"
+        "vmax(distance, aggression, vehicle), that can be called with a case and a watch"
     )
+
+
+def _takes_watch(simulator: Any) -> bool:
+    """Return whether a simulator can be called with a case and a watch."""
+    try:
+        signature(simulator).bind(None, None)
+    except TypeError:
+        return False
+    except ValueError:  # of code in C, whose signature is unknown
+        return True
+    return True
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +133,7 @@ class Choice:
 
     @classmethod
     def of(cls, simulator: Simulator | None = None, limits: Limits = USUAL) -> Choice:
-        """Return a simulator, by default the usual one, with limits; a choice keeps its own limits."""
+        """Return a simulator, by default the usual one, with limits; a choice keeps its own limits, except `Limits.dump`."""
         if not isinstance(simulator, Choice):
             return cls(usual() if simulator is None else usable(simulator), limits)
         own = simulator.limits
@@ -178,6 +192,7 @@ def simulate(case: Case, simulator: Simulator | None = None) -> Run:
         RunError: the simulator returned no run of this case, an impossible run, or a run that ends without a reason; or the
             simulator exceeded a time limit outside of all drivers.
     """
+    require(case, Case, "simulate takes a case: write simulate(rvads.Case(scenario, driver))", ScenarioError)
     choice = Choice.of(simulator)
     run = answered(case, choice)
     objection = next((str(finding) for finding in impossible(run)), "") or _flaw_of_end(run, case)
@@ -191,7 +206,6 @@ def answered(case: Case, choice: Choice) -> Run:
 
     Arguments and errors are those of `simulate`. An impossible run, or a run that ends without a reason, raises no error.
     """
-    require(case, Case, "simulate takes a case: write simulate(rvads.Case(scenario, driver))", ScenarioError)
     maker = choice.simulator
     # Error settings of numpy that a driver changes hold for its own run only.
     with np.errstate(), Watch(choice.limits) as watch:
@@ -254,14 +268,14 @@ def vmax(
     """
     require(distance, Real, "vmax takes a distance to the stopping line in metres", ScenarioError)
     require(vehicle, Vehicle | None, "vehicle= takes a rvads.Vehicle", ScenarioError)
-    maker = Choice.of(simulator)
-    speed: Any = maker.vmax(distance, aggression, vehicle)
+    choice = Choice.of(simulator)
+    speed: Any = choice.vmax(distance, aggression, vehicle)
     if speed is None:
         return None
     number = float(speed) if isinstance(speed, Real) and not isinstance(speed, bool) else math.nan
     if not 0 <= number < math.inf:
         raise RunError(
-            f"the simulator {maker.name!r} must give v(d)max as a speed of 0 m/s or more, or as None, got {speed!r:.60} at "
+            f"the simulator {choice.name!r} must give v(d)max as a speed of 0 m/s or more, or as None, got {speed!r:.60} at "
             f"{distance!r} m"
         )
     return min(number, limit)

@@ -79,7 +79,8 @@ def test_its_map_is_described_as_any_other(star: Path) -> None:
     assert row["approach"] == [48.0] * 4
     assert len(road_map.entex("x")) == 4
     assert road_map.graph.graph.number_of_edges() == 8 + 12
-    assert [segment.id for segment in road_map.track("x", 0, 1).segments] == ["south.in", "south-east", "east.out"]
+    (path,) = (way.path for way in road_map.report("x").movements if (way.entrance, way.exit) == (0, 1))
+    assert (path.entrance, *path.edges, path.exit) == ("south.in", "south-east", "east.out")
 
 
 def test_the_suffix_decides(star: Path, tmp_path: Path) -> None:

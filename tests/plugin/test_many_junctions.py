@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from pytest_rvads.geometry.control import JunctionControl
-from pytest_rvads.report.session_report import Drawn
+from pytest_rvads.report.session_report import Cell, Drawn
 from pytest_rvads.session.plan import Plan
 from tools.crossings import Layout
 
@@ -240,7 +240,7 @@ def test_undrawn_item_is_outside_of_the_baseline(pytester: pytest.Pytester) -> N
 def test_workers_send_what_did_not_run() -> None:
     """See `Plan.pack`."""
     sent, received = Plan(), Plan()
-    sent.cells[("town.20", 7, "C", "p1", None, None)] = None
+    sent.cells[Cell("town.20", 7, "C", "p1", None, None)] = None
     sent.refused = {"it has 2 arms": dict.fromkeys(("town.1", "town.2"))}
     sent.drawn = {Drawn("test_it.py::test_it", "runs", 4, 5, 1): None}
     for _ in range(2):  # every worker sends it

@@ -123,7 +123,7 @@ def test_every_path_it_names_is_there() -> None:
     ("place", "names"),
     [
         ("simulators/loop.py", ["Loop"]),
-        ("conformance/test_conformance.py", ["CHECKS"]),
+        ("satellites/conformance/test_conformance.py", ["CHECKS"]),
         ("report/files.py", ["FORMATS", "markdown"]),
         ("report/outline.py", ["outline", "plain"]),
         ("satellites/tracks/logformats.py", ["Format", "Reader"]),

@@ -33,7 +33,7 @@ from pytest_rvads.report.record import (
     received,
     sent,
 )
-from pytest_rvads.report.session_report import Change, Comparison, Report, cell_of
+from pytest_rvads.report.session_report import Cell, Change, Comparison, Report, cell_of
 from pytest_rvads.report.terminal import summary
 from pytest_rvads.report.triage import hanging as hanging_on
 from pytest_rvads.runs.measured import ArrivalDifferences, Kpis
@@ -112,7 +112,7 @@ def everything() -> Report:
     return Report(
         tuple(records),
         {4: (24, 81)},
-        (*map(cell_of, records), ("stop4", 20, "C", "p1", None, None)),
+        (*map(cell_of, records), Cell("stop4", 20, "C", "p1", None, None)),
         {"numpy": "2.0"},
         1,
         ("3 items vanished", "2 items did not run"),

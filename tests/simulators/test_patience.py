@@ -259,9 +259,12 @@ def test_process_forked_in_a_run_does_not_wait_for_the_timer_of_its_parent() -> 
     choice = Choice(rvads.limits().simulator, USUAL._replace(dump=2))
     statuses: list[int] = []
 
+    def nests() -> None:
+        simulate(rvads.Case(SCENARIO, pilot()), choice)
+
     def forks() -> None:
         if (child := os.fork()) == 0:
-            os._exit(7 if simulate(rvads.Case(SCENARIO, pilot()), choice).fault is None else 8)
+            os._exit(7 if simulate(rvads.Case(SCENARIO, hanging(nests, when=0.085)), choice).fault is None else 8)
         for _ in range(1000):
             done, status = os.waitpid(child, os.WNOHANG)
             if done:

@@ -179,6 +179,7 @@ def test_raising_simulator_module_is_named_with_its_line(
         ("type('Mine', (Counting,), {'name': ''})()", "is called '', which is no name"),
         ("type('Mine', (Counting,), {'vmax': 1.0})()", "has no vmax"),
         ("type('Mine', (), {'name': 'x', 'vmax': lambda self: 1.0})()", "has no __call__"),
+        ("type('Mine', (Counting,), {'__call__': lambda self, case: None})()", "can't be called with two arguments"),
     ],
 )
 def test_what_is_no_simulator_is_refused_as_option_fixture_and_argument(pytester: pytest.Pytester, made: str, wrong: str) -> None:

@@ -21,6 +21,7 @@ import time
 import weakref
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
+from typing import Any
 
 import psutil
 
@@ -100,6 +101,9 @@ class Guard:
         """The process that started the guard's process; a process forked from it has a guard's process of its own."""
         self._watched: dict[int, str] = {}
         """Per stack, the line sent to the guard's process; a new process gets all lines if the process was killed."""
+
+    def __reduce__(self) -> tuple[Any, ...]:  # a copy, such as in another process, starts a guard's process of its own
+        return Guard, ()
 
     def watch(self, leader: int, mark: str, grace: float) -> None:
         """Report a stack, which gets a time for exiting after SIGTERM [s] when this process ends."""

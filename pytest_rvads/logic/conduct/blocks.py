@@ -3,6 +3,8 @@
 A signal is computed once per block, for all vehicles or pairs of vehicles at once. A signal that depends on earlier states has a
 carry: values that are kept for the next block. Because of the carry, a signal has the same values for a run in one block and for
 the same run in many blocks.
+
+In the package `conduct`, the vehicles of a block are all its agents, pedestrians included.
 """
 
 from __future__ import annotations
@@ -25,6 +27,8 @@ from pytest_rvads.support.errors import RunError
 
 _Value = TypeVar("_Value")
 _Scalar = TypeVar("_Scalar", bound=np.generic)
+_FEW = 1000
+"""Number of values below which `take` is faster than an index."""
 
 
 class Pairs:
@@ -67,10 +71,6 @@ class Pairs:
 def _gathered(values: NDArray[_Scalar], columns: NDArray[np.int64]) -> NDArray[_Scalar]:
     # For one state `take` is more than twice as fast as an index. For a whole run an index is nearly twice as fast as `take`.
     return values.take(columns, axis=-1) if values.size < _FEW else values[..., columns]
-
-
-_FEW = 1000
-"""Number of values below which `take` is faster than an index."""
 
 
 class Cast:

@@ -57,6 +57,23 @@ from pytest_rvads.runs.states import Colour
 from pytest_rvads.support.errors import RunError
 
 _MINOR = (Sign.STOP, Sign.YIELD)
+"""Signs that oblige to give way. A vehicle without such a sign that gives way because of signs does so by `Ground.PRIORITY`."""
+GREEN, YELLOW, RED = int(Colour.GREEN), int(Colour.YELLOW), int(Colour.RED)
+_ALL_WAY = JunctionControl.STOP
+_LONG_AGO = -(10**9)
+"""Tick that stands for "never" in the tick at which a vehicle last stood at its line with the right to go."""
+DUE = 4.0
+"""Time to the shared stretch, at the present speed, below which a vehicle is due [s]: the usual critical gap of a left turn
+across oncoming traffic (Highway Capacity Manual: 4.1 s)."""
+WAIVER = 3.0
+"""Time after which a vehicle that stands first at its line, free to go, waives its right [s]: perception and reaction take up to
+2.5 s (AASHTO, A Policy on Geometric Design)."""
+PACE = 1.4
+"""Walking pace [m/s]: a slower vehicle loses time if it could go."""
+GAP = 6.0
+"""Distance to a slow body ahead below which a vehicle need not go [m]."""
+ROOM = 2.5
+"""Room that a vehicle needs on its exit road behind a slow body, in addition to its length, to leave its line [m]."""
 
 
 class Ground(StrEnum):
@@ -131,24 +148,6 @@ def may_owe(run: Run | Cast, agent: int, other: int) -> bool:
     return me.turn is junction.far and you.turn is not junction.far and (me.entrance, you.entrance) in junction.opposite
 
 
-GREEN, YELLOW, RED = int(Colour.GREEN), int(Colour.YELLOW), int(Colour.RED)
-_ALL_WAY = JunctionControl.STOP
-_LONG_AGO = -(10**9)
-"""Tick that stands for "never" in the tick at which a vehicle last stood at its line with the right to go."""
-DUE = 4.0
-"""Time to the shared stretch, at the present speed, below which a vehicle is due [s]: the usual critical gap of a left turn
-across oncoming traffic (Highway Capacity Manual: 4.1 s)."""
-WAIVER = 3.0
-"""Time after which a vehicle that stands first at its line, free to go, waives its right [s]: perception and reaction take up to
-2.5 s (AASHTO, A Policy on Geometric Design)."""
-PACE = 1.4
-"""Walking pace [m/s]: a slower vehicle loses time if it could go."""
-GAP = 6.0
-"""Distance to a slow body ahead below which a vehicle need not go [m]."""
-ROOM = 2.5
-"""Room that a vehicle needs on its exit road behind a slow body, in addition to its length, to leave its line [m]."""
-
-
 def lights(cast: Cast) -> NDArray[np.bool_]:
     """Return whether each vehicle comes to a light, shape ``(agents,)``."""
     return np.array([lit(cast.junction, agent.entrance) for agent in cast.agents], dtype=np.bool_)
@@ -196,12 +195,6 @@ def yields(block: Block) -> NDArray[np.bool_]:
     return bound & both.second(has_way(block))
 
 
-@signal
-def ready(block: Block) -> NDArray[np.bool_]:
-    """Return whether each vehicle is due because it is first at its line, may go, and does not waive its right."""
-    return next_to_go(block) & ~waives(block)
-
-
 def coming(block: Block, both: Pairs, at: Places) -> NDArray[np.bool_]:
     """Return whether each pair's second vehicle is on the shared stretch, or reaches the stretch within `DUE` at its speed."""
     front, reach = block.need("station"), DUE * np.maximum(block.need("speed"), 0.0)
@@ -224,23 +217,6 @@ def first_at_line(block: Block) -> NDArray[np.bool_]:
     return at_line & leads(block) if at_line.any() else at_line
 
 
-@signal
-def held(block: Block) -> NDArray[np.bool_]:
-    """Return whether each vehicle is held: it has to give way to a vehicle that comes or is first at its line.
-
-    A vehicle that is first at its line holds other vehicles even if it is held itself. Therefore vehicles that are first at their
-    lines can hold each other in a circle, in which no vehicle has the right to go. At an all-way stop, the vehicles that arrived
-    first hold the other vehicles. Pedestrians hold the vehicles that owe them a crosswalk.
-    """
-    cast, at_line, on_foot = block.cast, first_at_line(block), block.cast.static(walkers)
-    waits = on_foot.any(owes_crossing(block), len(cast)) if len(on_foot) else False
-    if block.junction.control is _ALL_WAY:
-        return cast.static(in_turns).any(comes_first(block), len(cast)) | waits
-    owing_pairs, at = cast.static(owing), cast.static(owed_places)
-    due = comes(block) | (owing_pairs.second(at_line) & ~np.isnan(at.begin))
-    return owing_pairs.any(due & yields(block) & (owing_pairs.first(block.zone) != ABSENT), len(cast)) | waits
-
-
 @signal(pairs=walkers)
 def near_crosswalk(block: Block) -> NDArray[np.bool_]:
     """Return whether each pair's vehicle is up to `STOP_PLACE` or `DUE` before the crosswalk, or before the pedestrian on it."""
@@ -255,17 +231,6 @@ def near_crosswalk(block: Block) -> NDArray[np.bool_]:
 def owes_crossing(block: Block) -> NDArray[np.bool_]:
     """Return whether each pair's vehicle owes the crosswalk to the pedestrian, and comes there or takes it at present."""
     return (near_crosswalk(block) | takes_crosswalk(block)) & walk(block).owed
-
-
-def in_turns(cast: Cast) -> Pairs:
-    """Return the pairs of vehicles that go by the order of arrival, see `cast.in_turn`."""
-    return pairs(cast, lambda agent, other: in_turn(cast.junction, cast.agents[agent].way.key, cast.agents[other].way.key))
-
-
-@signal(pairs=in_turns)
-def comes_first(block: Block) -> NDArray[np.bool_]:
-    """Return whether each pair's second vehicle goes first, because their movements meet and it came first, see `came_first`."""
-    return came_first(block)[:, block.cast.columns(in_turns, everybody)]
 
 
 def _on_the_right(cast: Cast) -> NDArray[np.bool_]:
@@ -290,6 +255,34 @@ def came_first(block: Block) -> NDArray[np.bool_]:
     return earlier
 
 
+def in_turns(cast: Cast) -> Pairs:
+    """Return the pairs of vehicles that go by the order of arrival, see `in_turn`."""
+    return pairs(cast, lambda agent, other: in_turn(cast.junction, cast.agents[agent].way.key, cast.agents[other].way.key))
+
+
+@signal(pairs=in_turns)
+def comes_first(block: Block) -> NDArray[np.bool_]:
+    """Return whether each pair's second vehicle goes first, because their movements meet and it came first, see `came_first`."""
+    return came_first(block)[:, block.cast.columns(in_turns, everybody)]
+
+
+@signal
+def held(block: Block) -> NDArray[np.bool_]:
+    """Return whether each vehicle is held: it has to give way to a vehicle that comes or is first at its line.
+
+    A vehicle that is first at its line holds other vehicles even if it is held itself. Therefore vehicles that are first at their
+    lines can hold each other in a circle, in which no vehicle has the right to go. At an all-way stop, the vehicles that arrived
+    first hold the other vehicles. Pedestrians hold the vehicles that owe them a crosswalk.
+    """
+    cast, at_line, on_foot = block.cast, first_at_line(block), block.cast.static(walkers)
+    waits = on_foot.any(owes_crossing(block), len(cast)) if len(on_foot) else False
+    if block.junction.control is _ALL_WAY:
+        return cast.static(in_turns).any(comes_first(block), len(cast)) | waits
+    owing_pairs, at = cast.static(owing), cast.static(owed_places)
+    due = comes(block) | (owing_pairs.second(at_line) & ~np.isnan(at.begin))
+    return owing_pairs.any(due & yields(block) & (owing_pairs.first(block.zone) != ABSENT), len(cast)) | waits
+
+
 @signal
 def next_to_go(block: Block) -> NDArray[np.bool_]:
     """Return whether each vehicle is first at its line and has the right to go."""
@@ -310,26 +303,17 @@ def starting(block: Block, before: NDArray[np.int64], last: NDArray[np.int64]) -
     return next_to_go(block) & np.where(standing, count <= most, block.ticks - since < most), count, since
 
 
-@signal(start=(0,))
-def waives(block: Block, before: NDArray[np.int64]) -> tuple[NDArray[Any], ...]:
-    """Return whether each vehicle waives its right: it has stood first at its line, free to go, for more than `WAIVER`."""
-    free: NDArray[np.bool_] = next_to_go(block) & stands(block)
-    if free.any():
-        free &= ~block.cast.static(neighbours).any(_keeps(block), len(block.cast))
-    count = lasting(free, before)
-    return count > round(WAIVER / block.dt), count
-
-
-@signal
-def gives_up(block: Block) -> NDArray[np.bool_]:
-    """Return whether each vehicle waives its right to go first, or has not arrived at its line.
-
-    If the run does not record positions or speeds, no vehicle waives its right.
-    """
-    without_turn: NDArray[np.bool_] = ~arrived(block)
-    if block.station is not None and block.speed is not None and block.junction.stretches is not None:
-        without_turn |= waives(block)
-    return without_turn
+@signal(pairs=neighbours, needs=sized)
+def close_behind(block: Block) -> NDArray[np.bool_]:
+    """Return whether each pair's second vehicle is slow, and close ahead of the first or in its room on the common exit road."""
+    cast, both, rear = block.cast, block.cast.static(neighbours), ahead_by(block)
+    near: NDArray[np.bool_] = rear < GAP
+    at_line = both.first(arrived(block)) & both.second(block.zone == EXIT) & cast.static(roads).exit
+    if at_line.any():
+        room = (both.first(block.need("station")) - both.first(cast.way)) + rear
+        near |= at_line & (room < both.first(cast.length) + ROOM)
+    near &= both.second(block.need("speed") < PACE)
+    return near
 
 
 @signal(pairs=neighbours)
@@ -354,17 +338,32 @@ def _keeps(block: Block) -> NDArray[np.bool_]:
     return blocking
 
 
-@signal(pairs=neighbours, needs=sized)
-def close_behind(block: Block) -> NDArray[np.bool_]:
-    """Return whether each pair's second vehicle is slow, and close ahead of the first or in its room on the common exit road."""
-    cast, both, rear = block.cast, block.cast.static(neighbours), ahead_by(block)
-    near: NDArray[np.bool_] = rear < GAP
-    at_line = both.first(arrived(block)) & both.second(block.zone == EXIT) & cast.static(roads).exit
-    if at_line.any():
-        room = (both.first(block.need("station")) - both.first(cast.way)) + rear
-        near |= at_line & (room < both.first(cast.length) + ROOM)
-    near &= both.second(block.need("speed") < PACE)
-    return near
+@signal(start=(0,))
+def waives(block: Block, before: NDArray[np.int64]) -> tuple[NDArray[Any], ...]:
+    """Return whether each vehicle waives its right: it has stood first at its line, free to go, for more than `WAIVER`."""
+    free: NDArray[np.bool_] = next_to_go(block) & stands(block)
+    if free.any():
+        free &= ~block.cast.static(neighbours).any(_keeps(block), len(block.cast))
+    count = lasting(free, before)
+    return count > round(WAIVER / block.dt), count
+
+
+@signal
+def ready(block: Block) -> NDArray[np.bool_]:
+    """Return whether each vehicle is due because it is first at its line, may go, and does not waive its right."""
+    return next_to_go(block) & ~waives(block)
+
+
+@signal
+def gives_up(block: Block) -> NDArray[np.bool_]:
+    """Return whether each vehicle waives its right to go first, or has not arrived at its line.
+
+    If the run does not record positions or speeds, no vehicle waives its right.
+    """
+    without_turn: NDArray[np.bool_] = ~arrived(block)
+    if block.station is not None and block.speed is not None and block.junction.stretches is not None:
+        without_turn |= waives(block)
+    return without_turn
 
 
 @signal(pairs=neighbours, start=(False,))

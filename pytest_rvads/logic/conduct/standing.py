@@ -63,6 +63,19 @@ def latched(set_: NDArray[np.bool_], reset: NDArray[np.bool_], before: NDArray[n
     return (last_set > last_reset) | (before & (last_reset == 0))
 
 
+in_junction = signal(lambda block: block.zone == JUNCTION)
+"""Whether each vehicle is in the junction (``a@j``), with its reference point on a movement of the junction."""
+at_entrance = signal(lambda block: block.zone == ENTRANCE)
+"""Whether each vehicle is at its entrance (``a@j.en``)."""
+on_approach = signal(lambda block: (block.zone == APPROACH) | (block.zone == ENTRANCE))
+"""Whether each vehicle is on the road to its entrance (``a@r``); the entrance zone is part of the road."""
+on_exit = signal(lambda block: block.zone == EXIT)
+"""Whether each vehicle is on its exit road (``a@j.ex`` and ``a@r``), which begins with the exit vertex."""
+speed: Signal[NDArray[np.float64]] = Signal(lambda block: block.need("speed"), otherwise=np.nan)
+"""The speed of each vehicle, ``a.sp`` [m/s]."""
+colour: Signal[NDArray[np.int8]] = Signal(lambda block: block.lights, of_entrances=True)
+"""The colour of the light at every entrance, ``lt.cl``."""
+
 NEVER = int(np.iinfo(np.int64).max)
 """Tick that stands for the entry of a vehicle that has not entered the junction."""
 
@@ -236,12 +249,13 @@ def drives(run: Run, agent: int) -> bool:
     return run.speed is None or bool((np.abs(run.speed[:, agent]) > STANDSTILL).any())
 
 
-def _limited(block: Block, columns: Sequence[int]) -> None:
+def _limits_known(block: Block, columns: Sequence[int]) -> None:
+    """Check that the speed limits along the ways of some vehicles are known."""
     for column in columns:
         limits_of(block.junction, block.cast.agents[column].way.key, block.cast.facts)
 
 
-@signal(needs=_limited)
+@signal(needs=_limits_known)
 def speeding(block: Block) -> NDArray[np.bool_]:
     """Return whether each vehicle exceeds the speed limit at its place by more than `SPEED_TOLERANCE`; false without a limit."""
     borders, limits = block.cast.static(_limits)
@@ -274,17 +288,3 @@ def limits_of(junction: Junction, way: Key, facts: Facts) -> tuple[tuple[float, 
     if len(known_limits) < len(limits):
         raise RunError("the run holds no speed limit" + (", and its map states none for a part of a way" if known_limits else ""))
     return known_limits
-
-
-in_junction = signal(lambda block: block.zone == JUNCTION)
-"""Whether each vehicle is in the junction (``a@j``), with its reference point on a movement of the junction."""
-at_entrance = signal(lambda block: block.zone == ENTRANCE)
-"""Whether each vehicle is at its entrance (``a@j.en``)."""
-on_approach = signal(lambda block: (block.zone == APPROACH) | (block.zone == ENTRANCE))
-"""Whether each vehicle is on the road to its entrance (``a@r``); the entrance zone is part of the road."""
-on_exit = signal(lambda block: block.zone == EXIT)
-"""Whether each vehicle is on its exit road (``a@j.ex`` and ``a@r``), which begins with the exit vertex."""
-speed: Signal[NDArray[np.float64]] = Signal(lambda block: block.need("speed"), otherwise=np.nan)
-"""The speed of each vehicle, ``a.sp`` [m/s]."""
-colour: Signal[NDArray[np.int8]] = Signal(lambda block: block.lights, of_entrances=True)
-"""The colour of the light at every entrance, ``lt.cl``."""

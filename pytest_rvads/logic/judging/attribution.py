@@ -1,4 +1,6 @@
-"""Finds what follows from the judgements of the instances of a rule: who is to blame, and the status of the rule.
+"""Finds what follows from the judgements of the instances of a rule: who is to blame, the status of the rule, circles of waiting.
+
+In the order of `check`: `blamed`, `attribute`, `gravest_first`, `kept`, `scene_of` (what an explanation shows), `cycle_of`.
 
 Which vehicle must act follows from the form of the rule's formula, or from the argument ``bound=`` of the rule. On a run with a
 subject (a vehicle under test), a rule passes only if a triggered instance required an action of the subject. A violation is
@@ -35,7 +37,7 @@ from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.ltl3 import evaluate, settle
 from pytest_rvads.logic.rules.book import RuleBook, rules_for
 from pytest_rvads.logic.rules.lexicon import word_of
-from pytest_rvads.logic.rules.rule import Kind, Rule, agents_of
+from pytest_rvads.logic.rules.rule import Form, Rule, agents_of
 from pytest_rvads.logic.rules.vocabulary import TightBend
 from pytest_rvads.runs.run import Run, once
 from pytest_rvads.runs.states import Zone
@@ -43,6 +45,7 @@ from pytest_rvads.support.errors import RunError
 
 BROKEN = (Status.FAIL, Status.OPEN)
 _ORDER = (Status.FAIL, Status.OPEN, Status.UNSURE, Status.PASS, Status.NA)
+"""The statuses of instances, the worst first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +105,7 @@ def attribute(judgements: Sequence[InstanceJudgement], rule: Rule, values: Value
 def overall(judgements: Iterable[InstanceJudgement]) -> Status:
     """Return the status of the worst instance."""
     statuses = {j.status for j in judgements}
-    return next((s for s in (Status.FAIL, Status.OPEN, Status.UNSURE, Status.PASS) if s in statuses), Status.NA)
+    return next((s for s in _ORDER if s in statuses), Status.NA)
 
 
 def gravest_first(judgements: Iterable[InstanceJudgement], run: Run) -> tuple[InstanceJudgement, ...]:
@@ -171,10 +174,11 @@ def blame(j: InstanceJudgement, run: Run) -> Blame:
     else:
         return Blame()
     on_foot = bool(agents) and all(isinstance(run.agents[e.index].way, Crossing) for e in agents)
-    return Blame(agents, cause, on_foot, run.subject is not None and _by(column_of(run, run.subject), j, agents, cause, run))
+    subject = run.subject is not None and _subject_to_blame(column_of(run, run.subject), j, agents, cause, run)
+    return Blame(agents, cause, on_foot, subject)
 
 
-def _by(me: int, j: InstanceJudgement, agents: tuple[f.Element, ...], cause: Cause | None, run: Run) -> bool:
+def _subject_to_blame(me: int, j: InstanceJudgement, agents: tuple[f.Element, ...], cause: Cause | None, run: Run) -> bool:
     """Return whether the subject (column `me`) is to blame for an instance that `agents` violated or left open.
 
     The subject is not to blame for meeting a vehicle that had to wait and left the subject no time to react, for a violation
@@ -183,7 +187,7 @@ def _by(me: int, j: InstanceJudgement, agents: tuple[f.Element, ...], cause: Cau
     not. If an open obligation awaits no vehicle, the vehicles in the obligation are to blame, unless another vehicle is stuck.
     """
     if j.failed is not None:
-        meets = j.template.shape.kind is Kind.STATE and cause is None
+        meets = j.template.shape.form is Form.STATE and cause is None
         opponents = [e.index for e in agents_of(j.template.formula) if e.index != me] if meets else []
         excused = (len(opponents) == 1 and surprised(run, me, opponents[0], j.failed)) or pushed(run, me, j.failed)
         return not (excused or _forfeited(j, run)) and any(e.index == me for e in agents)
@@ -232,6 +236,7 @@ def _cause(j: InstanceJudgement, run: Run) -> Cause | None:
 
 
 def _waiting(j: InstanceJudgement) -> tuple[f.Element, ...]:
+    """Return the agents that have to wait according to an instance of a rule, or else the agents of its obligation."""
     waits = j.template.shape.waits
     return agents_of(waits if waits is not None else j.template.shape.obligation)
 
@@ -326,12 +331,12 @@ def unavoidable(judgements: Iterable[InstanceJudgement], templates: Iterable[Tem
     broken = [j for j in judgements if j.status is Status.FAIL]
     breakers: dict[int, set[str]] = {}
     for j in broken:
-        if j.broken and all(value and _beyond(atom, values.run) for atom, value in j.broken):
+        if j.broken and all(value and _excused_by_bend(atom, values.run) for atom, value in j.broken):
             continue
-        ends = _ends(j.template)
-        if ends is None or not j.failed:
+        both = _waiting_and_awaited(j.template)
+        if both is None or not j.failed:
             return False
-        waiting, awaited = ends
+        waiting, awaited = both
         waits = _waits(owed, j.failed - 1)
         if awaited not in waits.get(waiting, ()) or not _around(awaited, waiting, waits, ()):
             return False
@@ -339,7 +344,7 @@ def unavoidable(judgements: Iterable[InstanceJudgement], templates: Iterable[Tem
     return bool(broken) and all(len(agents) == 1 for agents in breakers.values())
 
 
-def _beyond(atom: f.Atom, run: Run) -> bool:
+def _excused_by_bend(atom: f.Atom, run: Run) -> bool:
     """Return whether no driver could have kept an atom about one vehicle false, such as leaving the lane in a tight bend."""
     word, agents = word_of(atom), agents_of(atom)
     excuses = word is not None and word.bend is TightBend.EXCUSES
@@ -351,11 +356,12 @@ _Owed = tuple[str, str, NDArray[np.bool_]]
 
 
 def _owed(templates: Iterable[Template], values: Values) -> Iterator[_Owed]:
+    """Yield, per instance that makes a vehicle wait for another vehicle at some time, the two vehicles and when this is so."""
     steps = values.run.steps
     tick = np.arange(steps)
     for t in templates:
-        shape, ends = t.shape, _ends(t)
-        if ends is None or shape.premise is None or shape.waits is None or shape.goes is None:
+        shape, both = t.shape, _waiting_and_awaited(t)
+        if both is None or shape.premise is None or shape.waits is None or shape.goes is None:
             continue
         begin, end = window(values.run, columns(t))
         part = values.within(begin, end)
@@ -368,19 +374,20 @@ def _owed(templates: Iterable[Template], values: Values) -> Iterator[_Owed]:
             last_over = np.maximum.accumulate(np.where(over, tick, -1))
             held = last_due > last_over
             held[end:] = False  # no vehicle waits for an absent vehicle
-            yield *ends, held
+            yield *both, held
 
 
-def _ends(template: Template) -> tuple[str, str] | None:
+def _waiting_and_awaited(template: Template) -> tuple[str, str] | None:
     """Return the names of the waiting and the awaited vehicle of an instance that makes one wait until the other has gone."""
     shape = template.shape
-    if shape.kind is not Kind.YIELD or shape.waits is None or shape.goes is None:
+    if shape.form is not Form.YIELD or shape.waits is None or shape.goes is None:
         return None
     waiting, awaited = agents_of(shape.waits), agents_of(shape.goes)
     return (waiting[0].name, awaited[0].name) if len(waiting) == len(awaited) == 1 else None
 
 
 def _waits(owed: Iterable[_Owed], tick: int) -> dict[str, list[str]]:
+    """Return, per vehicle that must wait in a tick, the vehicles that it must wait for."""
     awaited_by_vehicle: dict[str, list[str]] = {}
     for waiting, awaited, held in owed:
         if held[tick]:
@@ -394,6 +401,6 @@ def _around(vehicle: str, goal: str, waits: Mapping[str, list[str]], path: tuple
     for target in sorted(waits.get(vehicle, ())):
         if target == goal:
             return path
-        if target not in path and (chain := _around(target, goal, waits, path)):
-            return chain
+        if target not in path and (further := _around(target, goal, waits, path)):
+            return further
     return None

@@ -21,7 +21,7 @@ from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.boolean import Budget, conj, disj, plain, rebuild, replaced
 from pytest_rvads.logic.ltl.ltl3 import Machine, evaluate, synthesize
 from pytest_rvads.logic.rules.lexicon import HERE, word_of
-from pytest_rvads.logic.rules.rule import Kind, Shape, agents_of, outermost, shape_of, split
+from pytest_rvads.logic.rules.rule import Form, Shape, agents_of, outermost, shape_of, split
 from pytest_rvads.logic.rules.vocabulary import Sort
 
 LIMIT = 100_000
@@ -34,14 +34,13 @@ _EACH = 10_000
 
 An agent is present together with few other agents. Therefore the number of atoms is proportional to the length of the recording.
 """
+Binding = tuple[tuple[str, f.Element], ...]
+"""Variables of a rule, each with the element that replaces it."""
 
 
 def _budget(formula: f.Formula, static: Static) -> Budget:
     most = LIMIT if static.together is None else LIMIT + _EACH * len(static.agents)
     return Budget(most, f.size(formula), what="too many instances, one per choice of elements for its variables")
-
-
-Binding = tuple[tuple[str, f.Element], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +116,7 @@ def _choices(variable: f.Binder, body: f.Formula, bound: Iterable[f.Element], st
 
 
 def _columns(elements: Iterable[f.Element]) -> tuple[int, ...]:
+    """Return the columns of the agents among elements."""
     return tuple(e.index for e in elements if e.sort == Sort.AGENT)
 
 
@@ -195,7 +195,7 @@ def _reduce(
     With `decide`, the result is simplified. In a recording, inner quantifiers are unfolded only once all outermost variables are
     replaced: an inner variable stands for the agents that were present together with the agents chosen before.
     """
-    waits = static.together is not None and isinstance(formula, f.Forall)
+    postpones = static.together is not None and isinstance(formula, f.Forall)
 
     def go(node: f.Formula, env: Mapping[str, f.Element], prefix: bool) -> f.Formula:
         match node:
@@ -210,7 +210,7 @@ def _reduce(
                 inner = {k: v for k, v in env.items() if k not in {b.name for b in variables}}
                 reduced = go(body, inner, True)
                 return reduced if isinstance(reduced, f.Const) else f.Forall(variables, reduced)
-            case f.Forall(variables, body) | f.Exists(variables, body) if waits:
+            case f.Forall(variables, body) | f.Exists(variables, body) if postpones:
                 inner = {k: v for k, v in env.items() if k not in {b.name for b in variables}}
                 return type(node)(variables, go(body, inner, False))
             case f.Forall(variables, body) | f.Exists(variables, body):
@@ -381,7 +381,7 @@ def _prepare(formula: f.Formula, static: Static, bound: tuple[str, ...], itinera
         for part in split(instance.formula):
             atoms = sorted(f.atoms(part), key=str)
             key: object = part
-            if isinstance(part, f.Always) and shape_of(part).kind is Kind.STATE and len(atoms) <= _MERGE_LIMIT:
+            if isinstance(part, f.Always) and shape_of(part).form is Form.STATE and len(atoms) <= _MERGE_LIMIT:
                 # Instances with the same meaning, such as p1 of (a, a') and p1 of (a', a), have the same truth table.
                 rows = np.array(list(product((False, True), repeat=len(atoms))))
                 truths = evaluate(part.body, dict(zip(atoms, rows.T, strict=True)), (len(rows),))

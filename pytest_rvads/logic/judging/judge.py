@@ -23,7 +23,7 @@ from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.ltl3 import Truth, encode, evaluate, holds, run_machine, settle
 from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, at, word_of
-from pytest_rvads.logic.rules.rule import Kind, conjuncts
+from pytest_rvads.logic.rules.rule import Form, conjuncts
 from pytest_rvads.logic.rules.vocabulary import Sort
 from pytest_rvads.runs.run import Run
 from pytest_rvads.support.errors import FormulaError
@@ -143,7 +143,7 @@ def _seconds(attribute: str, values: NDArray[Any], dt: float) -> NDArray[Any]:
 
 
 def signal_of(atom: f.Atom, entrances: int, ticks: int) -> Signal[NDArray[np.bool_]] | None:
-    """Return the signal (a quantity per state) with the truth values of an atom; None if the atom has no signal."""
+    """Return the signal (a quantity per state) with the truth values of an atom, for live monitors; None if the atom has none."""
     word = word_of(atom)
     if word is not None and isinstance(word.holds, Signal):
         return word.holds
@@ -217,7 +217,7 @@ class Part(Mapping[f.Atom, NDArray[np.bool_]]):
 def judge(templates: tuple[Template, ...], values: Values) -> list[InstanceJudgement]:
     """Return the judgements of all instances, in order; where a monitor is undecided at the end, finite traces decide."""
     judgements = [InstanceJudgement(template, Status.NA) for template in templates]
-    for i, begin, end, states in _walked(templates, values):
+    for i, begin, end, states in _monitored(templates, values):
         template, part, steps = templates[i], values.within(begin, end), end - begin
         outputs = template.machine.output[states]
         last = int(outputs[-1])
@@ -266,12 +266,12 @@ def asked(template: Template, values: Values, agent: int) -> bool:
 def walk(templates: tuple[Template, ...], values: Values) -> list[NDArray[np.int32]]:
     """Return the states of the monitor of every instance, ``(steps,)``; it reads states in which all its agents are present."""
     states_of_instances = [np.zeros(values.steps, dtype=np.int32) for _ in templates]
-    for i, begin, end, states in _walked(templates, values):
+    for i, begin, end, states in _monitored(templates, values):
         states_of_instances[i][begin:end], states_of_instances[i][end:] = states, states[-1]
     return states_of_instances
 
 
-def _walked(templates: tuple[Template, ...], values: Values) -> Iterator[tuple[int, int, int, NDArray[np.int32]]]:
+def _monitored(templates: tuple[Template, ...], values: Values) -> Iterator[tuple[int, int, int, NDArray[np.int32]]]:
     """Yield the number, first tick, end tick and monitor states of every instance whose agents are present at the same time."""
     groups: dict[tuple[int, int, int], list[int]] = {}
     for i, t in enumerate(templates):
@@ -324,7 +324,7 @@ def _broken(template: Template, values: Values | Part, failed: int, before: int)
 def _margin(template: Template, values: Values | Part, start: int | None) -> float | None:
     """Return the margin of an instance, see `InstanceVerdict.margin` [s]."""
     steps, dt, shape = values.steps, values.run.dt, template.shape
-    if shape.kind is Kind.STATE and isinstance(template.formula, f.Always):
+    if shape.form is Form.STATE and isinstance(template.formula, f.Always):
         bad = ~evaluate(template.formula.body, values, (steps,))
         return round(float(bad.sum()) * dt, 9)
     if start is None or shape.waits is None or shape.goes is None:

@@ -40,7 +40,7 @@ _STRETCH = 100
 
 
 class Truth(IntEnum):
-    """The three verdicts of a monitor: TRUE, FALSE and UNKNOWN."""
+    """The three verdicts of a monitor on the states read so far; the verdict on a whole run is a `Verdict` with a `Status`."""
 
     FALSE = 0
     TRUE = 1
@@ -114,12 +114,12 @@ def _determinise(can: Nfa, may_fail: Nfa, full: int, count: int, budget: Budget)
     width = (count + 7) // 8
     for can_states, fail_states in order:  # the loop appends new states to `order`
         row = np.zeros(count, dtype=np.int32)
-        for la, ta in can_subsets.moves(can_states):
-            for lb, tb in fail_subsets.moves(fail_states):
-                common = la & lb
+        for can_letters, can_target in can_subsets.moves(can_states):
+            for fail_letters, fail_target in fail_subsets.moves(fail_states):
+                common = can_letters & fail_letters
                 if not common:
                     continue
-                target = (ta, tb)
+                target = (can_target, fail_target)
                 if target not in index:
                     index[target] = len(order)
                     order.append(target)

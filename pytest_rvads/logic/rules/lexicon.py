@@ -2,8 +2,9 @@
 
 The entry of a predicate is called a word. A word holds the sorts of the predicate's arguments, a function or signal with the
 truth per state, the part that the junction and the ways decide, phrases, the measurements on which the truth depends, and the
-vehicle to blame. No other module depends on the name of a word, except ``@``, which the grammar contains. A predicate that a user
-registers is a word, too. A rule holds its words. Therefore no name is looked up when a run is judged.
+vehicle to blame; `Word` in the module `vocabulary` explains every field. No other module depends on the name of a word, except
+``@``, which the grammar contains. A predicate that a user registers is a word, too. A rule holds its words. Therefore no name is
+looked up when a run is judged.
 """
 
 from __future__ import annotations

@@ -23,8 +23,15 @@ from pytest_rvads.logic.rules.vocabulary import DIRECTIONS, LANGUAGE, Sort, Voca
 from pytest_rvads.support.errors import FormulaError, suggest
 from pytest_rvads.support.wording import one_line
 
+LONGEST_TIE = 3600
+"""Longest tie window [s]; a window of an hour makes all waiting times at a junction equal."""
+_LONGEST_NAME = 100
+"""Greatest length of the name of a rule [characters]."""
+_COMPARISONS = ("=", "!=", "<", "<=", ">", ">=")
+_VERTICES = {Sort.ENTRANCE, Sort.EXIT, Sort.VERTEX}
 
-class Kind(StrEnum):
+
+class Form(StrEnum):
     """The forms that the formula of a rule can have."""
 
     YIELD = "yield"
@@ -43,7 +50,7 @@ class Kind(StrEnum):
 class Shape:
     """The parts of an instance of a rule (the rule for certain vehicles and entrances)."""
 
-    kind: Kind
+    form: Form
     premise: f.Formula | None
     """The condition of the obligation; None if the instance does not have the form ``G(premise -> obligation)``."""
     obligation: f.Formula
@@ -58,16 +65,16 @@ def shape_of(formula: f.Formula) -> Shape:
     while isinstance(formula, f.Forall):
         formula = formula.body
     if not isinstance(formula, f.Always):
-        return Shape(Kind.OTHER, None, formula)
+        return Shape(Form.OTHER, None, formula)
     premise, obligation = None, formula.body
     if isinstance(formula.body, f.Implies):
         premise, obligation = formula.body.left, formula.body.right
     match obligation:
         case f.Until(f.Next(waits), goes) if f.is_boolean(waits) and f.is_boolean(goes):
-            return Shape(Kind.YIELD, premise, obligation, waits, goes)
+            return Shape(Form.YIELD, premise, obligation, waits, goes)
         case f.Until(waits, goes) | f.WeakUntil(waits, goes) if f.is_boolean(waits) and f.is_boolean(goes):
-            return Shape(Kind.HOLD, premise, obligation, waits, goes)
-    return Shape(Kind.STATE if f.is_boolean(formula.body) else Kind.OTHER, premise, obligation)
+            return Shape(Form.HOLD, premise, obligation, waits, goes)
+    return Shape(Form.STATE if f.is_boolean(formula.body) else Form.OTHER, premise, obligation)
 
 
 def split(formula: f.Formula) -> tuple[f.Formula, ...]:
@@ -111,10 +118,6 @@ def outermost(formula: f.Formula) -> tuple[f.Binder, ...]:
     return tuple(variables)
 
 
-_COMPARISONS = ("=", "!=", "<", "<=", ">", ">=")
-_VERTICES = {Sort.ENTRANCE, Sort.EXIT, Sort.VERTEX}
-
-
 def untimed(formula: f.Formula, sorts: Mapping[str, str] | None = None) -> f.Atom | None:
     """Return an atom that can change in a run but is outside every temporal operator; None if there is no such atom.
 
@@ -153,6 +156,8 @@ def parse(text: str, vocabulary: Vocabulary = BUILT_IN) -> f.Formula:
 
 @dataclass(frozen=True, slots=True)
 class _Check:
+    """Checks that all variables of a formula are bound, its predicates known and the sorts of its terms right."""
+
     text: str
     vocabulary: Vocabulary
 
@@ -223,11 +228,6 @@ class _Check:
             message = f"{term}: {term.name} belongs to {attribute.owner}s, {term.of} is of sort {sort}"
             raise FormulaError(caret(message, self.text, at))
         return attribute.kind
-
-
-LONGEST_TIE = 3600
-"""Longest tie window [s]; a window of an hour makes all waiting times at a junction equal."""
-_LONGEST_NAME = 100
 
 
 class Crosswalks(StrEnum):

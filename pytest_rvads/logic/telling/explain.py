@@ -16,7 +16,7 @@ from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.judging.judgement import ERRORS, Course, Cycle, Judgement, Reason, Scene
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, NearMiss, Status, Verdict
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.rules.rule import Kind, Rule, agents_of
+from pytest_rvads.logic.rules.rule import Form, Rule, agents_of
 from pytest_rvads.logic.rules.vocabulary import Sort
 from pytest_rvads.logic.telling.phrase import (
     aside,
@@ -310,7 +310,7 @@ def _roles(scene: Scene, run: Run) -> list[str]:
     waiting = agents_of(shape.waits)
     going = tuple(e for e in agents_of(shape.goes) if e not in waiting)
     courses = {course.agent: course for course in scene.courses}
-    for word, agents in (("yields" if shape.kind is Kind.YIELD else "must wait", waiting), ("priority", going)):
+    for word, agents in (("yields" if shape.form is Form.YIELD else "must wait", waiting), ("priority", going)):
         lines += [f"{word:<9} {_arrival(run, courses[e], waiting)}" for e in agents]
     stay = say(shape.waits, be="stays")
     lines.append(f"obligation since {clock(run, j.trigger or 0)} s: {stay} until {say(shape.goes)}")

@@ -15,7 +15,7 @@ from pytest_rvads.logic.judging.instances import Template
 from pytest_rvads.logic.judging.judgement import Debt, InstanceJudgement
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, word_of
-from pytest_rvads.logic.rules.rule import Kind
+from pytest_rvads.logic.rules.rule import Form
 from pytest_rvads.logic.rules.vocabulary import Sort
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Colour, Zone
@@ -209,7 +209,7 @@ def happened(j: InstanceJudgement, name: Naming = element_name) -> str:
     inside = [
         a.terms[0] for a in parts if a.name == "@" and isinstance(a.terms[1], f.Element) and a.terms[1].sort == Sort.JUNCTION
     ]
-    if shape.kind is Kind.STATE and len(inside) == len(parts) == 2:
+    if shape.form is Form.STATE and len(inside) == len(parts) == 2:
         return f"{', '.join(name(e) for e in inside if isinstance(e, f.Element))} both in junction"
     return ", ".join(literal(a, v, name) for a, v in j.broken)
 

@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import product
+from itertools import chain, product
 from typing import Any
 
 import numpy as np
@@ -112,8 +112,14 @@ class Plans:
 
 def _about(template: Template) -> set[int]:
     """Return the numbers of the vehicles that an instance is about."""
-    named = {e.index for member in template.members for _, e in member.binding if e.sort == Sort.AGENT}
-    return named | {e.index for e in agents_of(template.formula)}
+    named = (e for member in template.members for _, e in member.binding)
+    return {e.index for e in chain(named, *map(_elements, template.atoms)) if e.sort == Sort.AGENT}
+
+
+def _elements(atom: f.Atom) -> list[f.Element]:
+    """Return the vehicles and places that an atom is about."""
+    terms = (term.of if isinstance(term, f.Attr) else term for term in atom.terms)
+    return [term for term in terms if isinstance(term, f.Element)]
 
 
 class Group:
@@ -277,7 +283,7 @@ class Groups:
         """
         columns, asks = [], {}
         for number, (atom, signal) in enumerate(zip(plan.template.atoms, plan.signals, strict=True)):
-            elements = [e for e in (t.of if isinstance(t, f.Attr) else t for t in atom.terms) if isinstance(e, f.Element)]
+            elements = _elements(atom)
             own = [movers[e.index].column for e in elements if e.sort == Sort.AGENT] or [e.index for e in elements]
             columns.append(tuple(own))
             if signal is None:

@@ -42,7 +42,7 @@ from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import CLEARANCE, GREEN, SLOT, YELLOW
+from pytest_rvads.runs.states import CLEARANCE, GREEN_TIME, SLOT, YELLOW_TIME
 from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.scenarios.classes import Directions, Orbits, pairs_at, rotate
 from pytest_rvads.scenarios.configurations import fastest_start
@@ -62,7 +62,7 @@ _SHORTEST = _NEAREST / _SPEED
 """Least time of a vehicle to its stopping line [s]. On a shorter approach, a vehicle is slower."""
 _BEFORE_YELLOW = 6.0
 """Time from the start until the light of the subject turns yellow [s]."""
-CHANGED = _BEFORE_YELLOW + YELLOW + CLEARANCE
+CHANGED = _BEFORE_YELLOW + YELLOW_TIME + CLEARANCE
 """Time from the start until the phase after that of the subject begins [s]; the other vehicle has no green before."""
 _AT_RED = 0.3
 """Distance of a vehicle that waits at a red light to its stopping line [m]."""
@@ -195,7 +195,7 @@ class Line:
         # The vehicle that moves first has green.
         mover = subject if self.begin is Begin.MOVING or self.walker else other
         turn = next((turn for turn, group in enumerate(self.place.phase_groups) if mover in group), None)
-        passed = GREEN - _BEFORE_YELLOW if self.by_light else 0.0
+        passed = GREEN_TIME - _BEFORE_YELLOW if self.by_light else 0.0
         return Scenario(
             self.place,
             self.directions,

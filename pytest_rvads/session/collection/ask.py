@@ -144,11 +144,14 @@ class Ask:
         folder: Path,
         options: Options,
         added: Extensions,
-        watch: Callable[..., Iterable[Configuration]],
+        progress: Callable[..., Iterable[Configuration]],
         takes_rule: bool,
         simulator: Simulator | None,
     ) -> Selected:
-        """Return the runs and rules that the mark selects at each junction; starts that `simulator` can't stop are left out."""
+        """Return the runs and rules that the mark selects at each junction; starts that `simulator` can't stop are left out.
+
+        `folder` is that of the test, `added` is what hooks of users add, and `progress` yields points and shows the progress.
+        """
         sources: list[tuple[str, str | None]] = []  # names of junctions and paths of map files, the arguments of `find`
         for name in self.junction or ():
             if self.map is not None:
@@ -170,7 +173,7 @@ class Ask:
                 break
             for place in unresolved:
                 try:
-                    resolved[place] = self._at(place, options, added.grids, watch, takes_rule, simulator)
+                    resolved[place] = self._at(place, options, added.grids, progress, takes_rule, simulator)
                 except ScenarioError as error:
                     errors[place] = error
         if not drawn:
@@ -188,7 +191,7 @@ class Ask:
         place: Junction,
         options: Options,
         grids: Mapping[str, tuple[Any, Any]],
-        watch: Callable[..., Iterable[Configuration]],
+        progress: Callable[..., Iterable[Configuration]],
         takes_rule: bool,
         simulator: Simulator | None,
     ) -> Resolved:
@@ -207,7 +210,7 @@ class Ask:
             from pytest_rvads.simulators.simulator import vmax  # most tests need no physics before they run
 
             envelope = partial(vmax, aggression=self.aggression, simulator=simulator, limit=place.top_limit)
-            stopping = [point for point in watch(points) if not outside(point, envelope)]
+            stopping = [point for point in progress(points) if not outside(point, envelope)]
         if points and not stopping and not paper:
             asked = f"distances={axes[0][0]!r}, speeds={axes[0][1]!r}" if self.distances else f"grid={names!r}"
             raise ScenarioError(

@@ -218,8 +218,8 @@ def _resolve(ask: Ask, test: pytest.Function, options: Options, added: Extension
     from pytest_rvads.scenarios.selection import TOO_SHORT, TOO_TIGHT, extended
 
     plan = test.config.stash[PLAN]
-    watch = partial(_watched, test.config, "v(d)max of point", least=_POINTS)
-    selected = ask.resolve(test.path.parent, options, added, watch, takes_rule, test.config.stash[NAMED])
+    progress = partial(_watched, test.config, "v(d)max of point", least=_POINTS)
+    selected = ask.resolve(test.path.parent, options, added, progress, takes_rule, test.config.stash[NAMED])
     if options.sample is None:
         _refuse_many(selected.resolved, options)
     for resolved in selected.resolved:

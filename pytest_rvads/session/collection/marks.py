@@ -1,9 +1,10 @@
 """The marks ``@rvads.scenario``, ``@rvads.recorded`` and ``@rvads.known``, which are expanded at collection.
 
-`Recordings` has the arguments of ``@rvads.recorded``: files of recorded runs, which are opened at collection. A recorded run has
-no driver and no simulator. Collection gives the arguments for driver, vehicle and simulator the value None, so that pytest does
-not set up the fixtures of these names. The record of an item that judges a recorded run names the recording in place of class,
-scenario and configuration. Collection reads only the parts of a file that ids and rules need.
+`Ask`, in the module `ask`, has the arguments of ``@rvads.scenario``. `Recordings` has those of ``@rvads.recorded``: files of
+recorded runs, which are opened at collection. A recorded run has no driver and no simulator. Collection gives the arguments for
+driver, vehicle and simulator the value None, so that pytest does not set up the fixtures of these names. The record of an item
+that judges a recorded run names the recording in place of class, scenario and configuration. Collection reads only the parts of a
+file that ids and rules need.
 """
 
 from __future__ import annotations

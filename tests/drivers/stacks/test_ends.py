@@ -2,6 +2,7 @@
 
 import fcntl
 import os
+import pickle
 import subprocess
 import sys
 import threading
@@ -91,6 +92,12 @@ def test_a_stack_may_end_in_its_own_way(cling: Cling, tag: str) -> None:
     stack = cling("ends by SIGTERM", grace=20.0)
     stack.drop(stack.connections[0])
     assert Path(tag).read_text(encoding="utf-8") == "SIGTERM"
+
+
+def test_a_stack_that_drove_can_be_sent_to_another_process(cling: Cling) -> None:
+    stack = cling("ends by SIGTERM")
+    stack.close()
+    assert pickle.loads(pickle.dumps(stack)).command == stack.command
 
 
 @pytest.mark.extended
