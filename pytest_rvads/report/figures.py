@@ -27,10 +27,9 @@ from pytest_rvads.report.counting import EXERCISED, EXTREMES, TICKS, TOGETHER, U
 from pytest_rvads.report.rollup import FEW, junction_lines, many, ranked
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.runs.measured import APART, PairKpis
+from pytest_rvads.support.installed import libraries
 from pytest_rvads.support.wording import first, plural
 
-_ENGINES = {"bullet": "pybullet", "mujoco": "mujoco", "sumo": "libsumo"}
-"""By name of a simulator, the package on which the simulator is built."""
 _REASONS = 5
 """Largest number of reasons for left-out junctions in the short form."""
 LISTED = 10
@@ -205,7 +204,7 @@ def total(counts: Counts) -> str:
 def makers(counts: Counts) -> Iterator[tuple[str, str]]:
     """Yield a fact per system under test and per simulator: name, code or version, and number of runs."""
     for (verb, name, source), runs in sorted(counts.makers.items(), key=lambda entry: entry[0][0]):
-        engine = _ENGINES.get(name, "") if verb == "simulated" else ""
+        engine = next(iter(libraries(name)), "") if verb == "simulated" else ""
         version = counts.report.versions.get(engine)
         code = source or (f"{engine} {version}" if version else "")
         yield f"{verb} by", f"{name}{f' ({code})' if code else ''}: {plural(len(runs), 'run')}"

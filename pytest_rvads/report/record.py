@@ -254,7 +254,7 @@ def conclude(
     if outcome != "failed":
         ran = Outcome.FAIL if known else Outcome.NOT_RUN if outcome == "skipped" else Outcome.PASS
         status = worst or (ran if when == "call" else Outcome.NOT_RUN)
-    elif error in (Outcome.NOT_JUDGED, Outcome.UNSURE):
+    elif error not in (None, Outcome.ERROR):
         status = error
     elif error or when != "call" or worst is Outcome.ERROR:
         status = Outcome.ERROR

@@ -35,6 +35,8 @@ DT = 0.01
 """Time between two states, and the physics step [s]."""
 ARRAYS = ("zone", "lights", "station", "speed", "pose", "controls")
 """Names of the arrays of a run that hold its states."""
+PARTS = {"pose": ("x", "y", "heading"), "controls": ("throttle", "brake", "steering")}
+"""Per array with several numbers for each state and agent, the names of these numbers."""
 FAULT, LATE = "fault", "late"
 """Reasons for the end of a run, as its provenance holds them: a fault, and a fault because a limit of real time was exceeded."""
 RAISED: dict[str, Any] = {}
@@ -337,7 +339,6 @@ def diverge(one: Run, other: Run) -> Divergence | None:
     return None
 
 
-_PARTS = {"pose": ("x", "y", "heading"), "controls": ("throttle", "brake", "steering")}
 _ENUMS = {"zone": Zone, "lights": Colour}
 
 
@@ -355,7 +356,7 @@ def _first_difference(one: Run, other: Run, field: str) -> Divergence | None:
     if not differs.any():
         return None
     tick, column, *part = (int(i) for i in np.argwhere(differs)[0])
-    name = _PARTS[field][part[0]] if part else field
+    name = PARTS[field][part[0]] if part else field
     where = f"light of entrance {column}" if field == "lights" else f"{name} of {one.agents[column].name}"
     differing, kind = [values[(tick, column, *part)] for values in (a, b)], _ENUMS.get(field)
     own, others = (kind(int(value)).name.lower() if kind else repr(float(value)) for value in differing)

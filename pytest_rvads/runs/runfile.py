@@ -45,7 +45,7 @@ from pytest_rvads.runs.archive import (
 )
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.recording import Changes, Recording, Track
-from pytest_rvads.runs.run import Collision, Excerpt, Facts, Fault, Run
+from pytest_rvads.runs.run import ARRAYS, PARTS, Collision, Excerpt, Facts, Fault, Run
 from pytest_rvads.runs.states import Agent, Colour, Kind
 from pytest_rvads.support.decoding import typed
 from pytest_rvads.support.errors import MapError, RunError, require
@@ -53,7 +53,7 @@ from pytest_rvads.support.wording import one_line
 
 _MOST = 2**21
 """Largest part of a header that `glance` reads [bytes]."""
-_ARRAYS = {"zone": "i", "lights": "i", "station": "f", "speed": "f", "pose": "f", "controls": "f", "spread": "f"}
+_ARRAYS = {name: "i" if name in ("zone", "lights") else "f" for name in (*ARRAYS, "spread")}
 """Per array of a run the kind of its numbers: whole numbers (``i``) or floats (``f``)."""
 RUN = Kept("run", "rvads-run", 3, MOST_BYTES, 2**20)
 
@@ -133,7 +133,7 @@ def _run(header: _RunHeader, arrays: Mapping[str, NDArray[Any]], path: Path) -> 
     starts, names = header.junction.starts, [agent.name for agent in header.agents]
     check_size(str(path), [(steps, len(names), starts)])
     each = (steps, len(names))
-    shapes = {"lights": (steps, starts), "pose": (*each, 3), "controls": (*each, 3)}
+    shapes = {"lights": (steps, starts)} | {name: (*each, len(parts)) for name, parts in PARTS.items()}
     for name, kind in _ARRAYS.items():
         if (array := arrays.get(name)) is not None:
             check_array(name, array, shapes.get(name, each), kind)
@@ -153,7 +153,7 @@ def _run(header: _RunHeader, arrays: Mapping[str, NDArray[Any]], path: Path) -> 
     for collision in header.collisions or ():
         if not ({*collision.agents} <= {*names} and 0 <= round(collision.time / header.dt) < steps):
             raise ValueError(f"a collision must name vehicles of the run and a time within the run, got {collision}")
-    optional = {name: arrays.get(name) for name in ("station", "speed", "pose", "controls", "spread")}
+    optional = {name: arrays.get(name) for name, kind in _ARRAYS.items() if kind == "f"}
     return Run(
         header.label,
         junction,

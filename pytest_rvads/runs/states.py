@@ -15,7 +15,8 @@ from dataclasses import dataclass, fields
 from enum import IntEnum, StrEnum
 from functools import lru_cache
 from itertools import pairwise
-from typing import NamedTuple
+from operator import itemgetter
+from typing import NamedTuple, get_type_hints
 
 from pytest_rvads.geometry.sweep import CAR, Body
 from pytest_rvads.geometry.turns import Turn
@@ -145,6 +146,13 @@ class VehicleState(NamedTuple):
     """Width of the body [m]."""
     kind: Kind = Kind.CAR
     """The kind of road user."""
+
+
+_OF_STATE = get_type_hints(VehicleState)
+NUMBERS = tuple(name for name in VehicleState._fields if _OF_STATE[name] is float)
+"""Names of the fields of a `VehicleState` that are measured, from the station to the width of a car."""
+numbers = itemgetter(*map(VehicleState._fields.index, NUMBERS))
+"""Returns the values of these fields of a `VehicleState`."""
 
 
 GREEN_TIME, YELLOW_TIME, CLEARANCE = 15.0, 3.0, 2.0

@@ -42,7 +42,7 @@ import os
 import re
 from collections.abc import Mapping
 from dataclasses import fields
-from typing import Annotated, Any
+from typing import Annotated, Any, get_type_hints
 
 import msgspec
 from msgspec import structs
@@ -54,7 +54,7 @@ from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.scenarios.classes import parse, rotate
 from pytest_rvads.scenarios.configurations import configuration, started
 from pytest_rvads.scenarios.pedestrians import Pedestrian
-from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.scenarios.scenario import UNSAID, Scenario
 from pytest_rvads.scenarios.senses import Senses
 from pytest_rvads.support.decoding import typed
 from pytest_rvads.support.errors import ScenarioError, suggest
@@ -160,21 +160,15 @@ class _Walker(msgspec.Struct, frozen=True):
     difference: float
 
 
-class _Record(msgspec.Struct, frozen=True):
-    directions: _Lanes
-    distances: list[float]
-    speeds: list[float]
-    rotation: int
-    configuration: str
-    duration: float
-    aggression: int
-    wait: float
-    subject: int | None
-    order: _Lanes
-    senses: dict[str, float | int | bool]
-    followers: int = 0
-    elapsed: int = 0
-    pedestrians: list[_Walker] = []
+_TYPES = get_type_hints(Scenario) | {
+    "directions": _Lanes,
+    "order": _Lanes,
+    "senses": dict[str, float | int | bool],
+    "pedestrians": list[_Walker],
+}
+_NAMES = [item.name for item in fields(Scenario)[1:]]
+_Record = msgspec.defstruct("_Record", [(name, _TYPES[name], UNSAID.get(name, msgspec.NODEFAULT)) for name in _NAMES])
+"""The fields of a scenario in a record of `Scenario.record`."""
 
 
 def recalled(record: Mapping[str, Any], place: Junction, where: str) -> Scenario:

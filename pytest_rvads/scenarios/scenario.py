@@ -21,6 +21,8 @@ from pytest_rvads.support.wording import shown
 
 MOST_FOLLOWERS = 9
 """Greatest number of vehicles that queue behind each vehicle."""
+UNSAID: dict[str, Any] = {"followers": 0, "elapsed": 0, "pedestrians": ()}
+"""Values of fields that `Scenario.record` leaves out."""
 _IN_IDS = re.compile(r"[A-Za-z0-9_.-]+")
 
 
@@ -319,7 +321,7 @@ class Scenario:
     def record(self) -> dict[str, Any]:
         """Return the fields as builtins, for records and run files; the junction is given by its name and its map file."""
         values = {item.name: getattr(self, item.name) for item in fields(self)[1:]}
-        for name in ("followers", "elapsed", "pedestrians"):
+        for name in UNSAID:
             if not values[name]:
                 del values[name]
         if self.pedestrians:

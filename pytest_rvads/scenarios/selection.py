@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
+from typing import Any
 from zlib import crc32
 
 from msgspec import structs
@@ -69,10 +70,8 @@ class Selection:
     pedestrians: tuple[Walk, ...] = ()
     """Pedestrians; each is combined with every scenario in which the vehicle under test, or any vehicle without a subject, drives
     over the crosswalk. A junction with pedestrians is a walked junction, see `Junction.walked`."""
-    duration: float | None = None
-    """Longest run [s]; `usual_duration` if None."""
-    aggression: int = 1
-    wait: float = 1.5
+    further: Mapping[str, Any] = field(default_factory=dict)
+    """Further arguments of every `Scenario`, such as its duration."""
     alternating: bool = False
     """Whether a scenario runs with only one combination of configuration, queue and senses, in turn, instead of with all."""
     left_out: int = 0
@@ -167,13 +166,11 @@ class Selection:
                             first,
                             **started(configuration, self.place, row, subject, followers),
                             rotation=row,
-                            duration=self.duration,
-                            aggression=self.aggression,
-                            wait=self.wait,
                             subject=subject,
                             senses=senses,
                             followers=followers,
                             pedestrians=pedestrians,
+                            **self.further,
                         )
 
     def _walkers(self, placed: Directions, subject: int | None, seen: set[object]) -> Iterator[Pedestrian]:

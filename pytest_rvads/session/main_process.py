@@ -254,7 +254,7 @@ class Session:
         """Return the report of the session; its exit status includes the baseline and the required coverage."""
         from pytest_rvads.report.figures import shortfall, untested
         from pytest_rvads.report.session_report import Report, in_order
-        from pytest_rvads.support.installed import ENGINES, versions
+        from pytest_rvads.support.installed import entries, libraries, versions
 
         plan, ini = self.planner.plan(), self.config.inipath
         records = in_order(list(self.records.values()))
@@ -266,7 +266,7 @@ class Session:
             records,
             totals(records),
             tuple(plan.cells),
-            versions(*ENGINES),
+            versions(*(library for name in entries("simulators") for library in libraries(name))),
             left_out=plan.left_out,
             unfit=plan.unfit,
             extents=plan.extents,

@@ -19,6 +19,7 @@ import cmath
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -35,8 +36,8 @@ from pytest_rvads.physics import braking, engines
 from pytest_rvads.physics.body import Body, World, WorldMaker, start
 from pytest_rvads.physics.engines import BULLET, MUJOCO, Engine
 from pytest_rvads.runs.itineraries import Itinerary, itinerary
-from pytest_rvads.runs.run import DT, LATE, RAISED, Collision, Facts, Fault, Halt, Run
-from pytest_rvads.runs.states import GONE, STEADY, Agent, Colour, Kind, Vehicle, VehicleState, Zone, usual_body
+from pytest_rvads.runs.run import ARRAYS, DT, LATE, PARTS, RAISED, Collision, Facts, Fault, Halt, Run
+from pytest_rvads.runs.states import GONE, NUMBERS, STEADY, Agent, Colour, Kind, Vehicle, VehicleState, Zone, usual_body
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.pedestrians import Setting
 from pytest_rvads.simulators.patience import TooLate, Watch
@@ -44,8 +45,9 @@ from pytest_rvads.simulators.seat import Seat, crew
 from pytest_rvads.support.errors import ScenarioError
 from pytest_rvads.support.installed import versions
 
-_STATION = VehicleState._fields.index("station")
-_SPEED = VehicleState._fields.index("speed")
+_RECORDED = [(array, number) for array in ARRAYS for number in PARTS.get(array, (array,)) if number in NUMBERS]
+"""The numbers of a `VehicleState` that a run holds, each with its array."""
+_recorded = itemgetter(*(VehicleState._fields.index(number) for _, number in _RECORDED))
 _IDLE = Control()
 """The controls of a body that no driver controls."""
 _STEADY = round(STEADY / DT)
@@ -350,7 +352,7 @@ class Recorder:
         zones, motions = self._zones, self._motions
         for state in states:
             zones.append(state.zone)
-            motions += state[_STATION : _SPEED + 1]
+            motions += _recorded(state)
         self._lights.append(lights)
 
     def control(self, controls: Sequence[Control]) -> None:
@@ -369,8 +371,11 @@ class Recorder:
     ) -> Run:
         """Return the run; the controls of its last state are the controls of the step before, because no step follows."""
         steps, count = len(self._lights), len(self._agents)
-        # Station, x, y, heading and speed are successive fields of a VehicleState.
-        motion = np.fromiter(self._motions, dtype=np.float64).reshape(steps, count, 5)
+        motion = np.fromiter(self._motions, dtype=np.float64).reshape(steps, count, len(_RECORDED))
+        columns: dict[str, list[int]] = {}
+        for column, (array, _) in enumerate(_RECORDED):
+            columns.setdefault(array, []).append(column)
+        arrays: dict[str, Any] = {name: motion[:, :, k if name in PARTS else k[0]] for name, k in columns.items()}
         numbers = 3 * count
         controls = self._controls + (self._controls[-numbers:] or [0.0] * numbers)
         return Run(
@@ -379,9 +384,7 @@ class Recorder:
             agents=self._agents,
             zone=np.frombuffer(bytes(self._zones), dtype=np.int8).reshape(steps, count),
             lights=np.frombuffer(b"".join(map(bytes, self._lights)), dtype=np.int8).reshape(steps, len(junction.starts)),
-            station=motion[:, :, 0],
-            speed=motion[:, :, 4],
-            pose=motion[:, :, 1:4],
+            **arrays,
             controls=np.fromiter(controls[: steps * numbers], dtype=np.float64).reshape(steps, count, 3),
             collisions=collisions,
             fault=fault,

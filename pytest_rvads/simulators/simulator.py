@@ -63,9 +63,12 @@ class Simulator(Protocol):
 
 
 def simulators() -> dict[str, str]:
-    """Return the name and the place, ``module:name``, of every simulator that an installed package declares as entry point."""
-    core = {name: f"pytest_rvads.simulators.loop:{name}" for name in ("bullet", "mujoco")}
-    return core | {name: entry.value for name, entry in entries("simulators").items()}
+    """Return the name and the place, ``module:name``, of every simulator that an installed package declares as entry point.
+
+    The simulators of the core come first.
+    """
+    places = {name: entry.value for name, entry in entries("simulators").items()}
+    return dict(sorted(places.items(), key=lambda place: not place[1].startswith("pytest_rvads.simulators.")))
 
 
 def named(name: str | None, folder: Path | None = None) -> Simulator:

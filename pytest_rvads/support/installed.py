@@ -17,9 +17,6 @@ from pytest_rvads import __version__
 from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.wording import one_line
 
-ENGINES = ("pybullet", "mujoco", "libsumo")
-"""Packages of the engines of simulators, of which some are not installed everywhere."""
-
 
 @cache
 def entries(group: str) -> Mapping[str, EntryPoint]:
@@ -48,6 +45,15 @@ def by_suffix(group: str) -> dict[str, Callable[..., Any]]:
         return load(group, name)(*arguments)
 
     return {f".{name}": partial(call, name) for name in entries(group)}
+
+
+@cache
+def libraries(simulator: str) -> tuple[str, ...]:
+    """Return the packages that a simulator says it imports; none if no installed package declares such a simulator."""
+    try:
+        return tuple(getattr(load("simulators", simulator), "libraries", ()))
+    except RvadsError:
+        return ()
 
 
 def versions(*libraries: str) -> dict[str, str]:

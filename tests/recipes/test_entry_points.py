@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -29,6 +30,7 @@ from pytest_rvads.session.collection.misuse import caller
 from pytest_rvads.session.collection.searching import Found, SearchMark, Shown
 from pytest_rvads.satellites.tracks.csvfile import read_csv
 from pytest_rvads.satellites.tracks.logformats import Format
+from pytest_rvads.simulators.loop import Loop, usual
 
 class Mine:
     name = "mine"
@@ -38,7 +40,13 @@ class Mine:
     def vmax(self, distance, aggression=1, vehicle=None):
         return None
 
-mine = Mine()
+class Twin(Mine):
+    name = "twin"
+    libraries = ("msgspec",)
+    def __call__(self, case, watch=None):
+        return Loop(case, self.name, usual().engine.world, {}, watch=watch).drive()
+
+mine, twin = Mine(), Twin()
 beacons = Format(read_csv, (".beacons",))
 
 class Sleepy(rvads.Reference):
@@ -68,6 +76,7 @@ ENTRIES = """
 [rvads.simulators]
 mine = own_package:mine
 gone = no_such_module:gone
+twin = own_package:twin
 [rvads.maps]
 own = own_package:read_network
 [rvads.logs]
@@ -128,6 +137,16 @@ def test_names_of_another_package_are_known_to_commands(tmp_path: Path, words: t
     done = run(tmp_path, *words)
     assert done.returncode == 2
     assert re.search(message, done.stderr)
+
+
+@pytest.mark.extended
+def test_report_names_the_library_of_a_simulator_of_another_package(tmp_path: Path) -> None:
+    (tmp_path / "test_it.py").write_text(TESTS, encoding="utf-8")
+    options = ("--rvads-autopilot=reference", "--rvads-simulator=twin", "--rvads-report=out.json", "--rvads-report=out.md")
+    run(tmp_path, *options, program=PYTEST)
+    library = version("msgspec")
+    assert f"twin (msgspec {library}): 1 run" in (tmp_path / "out.md").read_text("utf-8")
+    assert json.loads((tmp_path / "out.json").read_text("utf-8"))["versions"]["msgspec"] == library
 
 
 @pytest.mark.extended

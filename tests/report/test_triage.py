@@ -35,7 +35,7 @@ def failures(mutant: str, junction: str, letters: str, classes: Sequence[int]) -
     place = rvads.find(junction)
     found: Runs = {}
     points = grid(letters, len(place.entrances), place.control)
-    for scenario in Selection(place, points, classes=tuple(classes), duration=40.0):
+    for scenario in Selection(place, points, classes=tuple(classes), further={"duration": 40.0}):
         run = rvads.simulate(rvads.Case(scenario, MUTANTS[mutant]))
         records = found[scenario.name] = []
         for rule in rules_for(("paper", "road"), place.control):

@@ -17,7 +17,7 @@ from pytest_rvads.drivers.interface import Acceleration, Command, Control, Obser
 from pytest_rvads.drivers.stacks import messages
 from pytest_rvads.drivers.stacks.child import Child, StackError
 from pytest_rvads.geometry.turns import Turn
-from pytest_rvads.runs.states import Kind, VehicleState
+from pytest_rvads.runs.states import NUMBERS, Kind, VehicleState, numbers
 
 RESET, READY, OBSERVE, COMMAND, BYE = 1, 2, 3, 4, 5
 ENTRANCES, OTHERS, POINTS = 32, 63, 64
@@ -30,7 +30,7 @@ _YIELD = struct.Struct("<4I")
 _SEEN = struct.Struct("<d4I")
 NAME = 24
 """Length of the name of a vehicle in a frame [bytes]; the last byte is 0, and a longer name is cut."""
-_VEHICLE = struct.Struct(f"<6I8d{NAME}s")
+_VEHICLE = struct.Struct(f"<6I{len(NUMBERS)}d{NAME}s")
 """The struct of a vehicle, and the struct of a pedestrian, which has crosswalk and side in place of entrance and lane."""
 _CROSSWALK, _COVER, _BESIDE = struct.Struct("<Ii3d"), struct.Struct("<2I4d"), struct.Struct(f"<2I{ENTRANCES}I")
 _LIGHTS = struct.Struct(f"<{ENTRANCES}I")
@@ -164,7 +164,7 @@ class Binary(messages.Format):
             part,
             _TURNS[state.turn],
             state.zone,
-            *state[4:12],
+            *numbers(state),
             state.name.encode("utf-8", "replace")[: NAME - 1],
         )
 

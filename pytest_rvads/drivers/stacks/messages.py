@@ -18,7 +18,7 @@ from abc import ABC, abstractmethod
 from functools import lru_cache
 from typing import Any, NamedTuple, TypeVar
 
-from msgspec import MsgspecError, Struct, convert
+from msgspec import MsgspecError, Struct, convert, defstruct
 from msgspec.json import Decoder, Encoder
 
 from pytest_rvads.drivers.interface import Acceleration, Command, Control, Observation, TargetSpeed, Trajectory, Waypoint
@@ -27,7 +27,7 @@ from pytest_rvads.geometry.conflicts import Stretch
 from pytest_rvads.geometry.crosswalks import Side
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.segment import Pose, Segment
-from pytest_rvads.runs.states import Colour, VehicleState, Zone
+from pytest_rvads.runs.states import NUMBERS, Colour, VehicleState, Zone, numbers
 
 VERSION = 2
 """Version of the protocol; a stack of another version is refused."""
@@ -323,10 +323,9 @@ class Json(Format):
 
     def observe(self, seen: Observation, step: int) -> bytes:
         """Return the observe message; steps count from 1 in every scenario."""
-        # The fields from station to width have the same order in `VehicleState` and `_Seen`.
         lanes = self._lanes
         me, *others = [
-            _Seen(self.number(s), s.name, s.kind.value, s.entrance, lanes[s.entrance], s.turn.value, _ZONES[s.zone], *s[4:12])
+            _Seen(self.number(s), s.name, s.kind.value, s.entrance, lanes[s.entrance], s.turn.value, _ZONES[s.zone], *numbers(s))
             for s in (seen.me, *self.others(seen))
         ]
         content: dict[str, Any] = {
@@ -340,7 +339,7 @@ class Json(Format):
         if self.pedestrians:
             content["pedestrians"], content["parked"] = (
                 [
-                    _Beside(self.number(s), s.name, s.kind.value, crosswalk, _SIDES[side], _ZONES[s.zone], *s[4:12])
+                    _Beside(self.number(s), s.name, s.kind.value, crosswalk, _SIDES[side], _ZONES[s.zone], *numbers(s))
                     for s, crosswalk, side in agents
                 ]
                 for agents in self.beside(seen)
@@ -354,40 +353,9 @@ class Json(Format):
         return message.command(), message.compute, message.step
 
 
-class _Beside(Struct, gc=False):
-    """What the message ``observe`` says about a pedestrian, or a vehicle that is parked before a crosswalk."""
-
-    id: int
-    name: str
-    kind: str
-    crosswalk: int
-    side: str
-    zone: str
-    station: float
-    x: float
-    y: float
-    heading: float
-    speed: float
-    acceleration: float
-    length: float
-    width: float
-
-
-class _Seen(Struct, gc=False):
-    """What the message ``observe`` says about one vehicle."""
-
-    id: int
-    name: str
-    kind: str
-    entrance: int
-    lane: int
-    turn: str
-    zone: str
-    station: float
-    x: float
-    y: float
-    heading: float
-    speed: float
-    acceleration: float
-    length: float
-    width: float
+_WHO = (("id", int), ("name", str), ("kind", str))
+_MEASURED = tuple((name, float) for name in NUMBERS)
+_Seen = defstruct("_Seen", (*_WHO, ("entrance", int), ("lane", int), ("turn", str), ("zone", str), *_MEASURED), gc=False)
+"""What the message ``observe`` says about one vehicle."""
+_Beside = defstruct("_Beside", (*_WHO, ("crosswalk", int), ("side", str), ("zone", str), *_MEASURED), gc=False)
+"""What the message ``observe`` says about a pedestrian, or a vehicle that is parked before a crosswalk."""

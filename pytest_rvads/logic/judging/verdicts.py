@@ -149,7 +149,7 @@ class Verdict(msgspec.Struct, frozen=True, omit_defaults=True):
     @property
     def outcome(self) -> Outcome:
         """The outcome in reports: UNAVOIDABLE if `unavoidable`, PROVOKED if `provoked`, and the status in all other cases."""
-        return Outcome.UNAVOIDABLE if self.unavoidable else Outcome.PROVOKED if self.provoked else Outcome(self.status.value)
+        return outcome_of(self.status, self.unavoidable, self.provoked)
 
     @property
     def cause(self) -> str:
@@ -163,3 +163,8 @@ class Verdict(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 show_lists(Verdict)
+
+
+def outcome_of(status: str, unavoidable: bool, provoked: bool) -> Outcome:
+    """Return the outcome of a verdict in reports."""
+    return Outcome.UNAVOIDABLE if unavoidable else Outcome.PROVOKED if provoked else Outcome(status)

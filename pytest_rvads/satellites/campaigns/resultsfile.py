@@ -19,6 +19,7 @@ from typing import Annotated, cast
 
 import msgspec
 
+from pytest_rvads.logic.judging.verdicts import outcome_of
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.record import Count, Record, SimulatedItem, by_rule
 from pytest_rvads.report.session_report import Report, exit_status
@@ -110,7 +111,7 @@ class _Judgement(msgspec.Struct):
 
     @property
     def outcome(self) -> Outcome:
-        return Outcome.UNAVOIDABLE if self.unavoidable else Outcome.PROVOKED if self.provoked else self.status
+        return outcome_of(self.status, self.unavoidable, self.provoked)
 
 
 class Glance(msgspec.Struct):

@@ -231,6 +231,7 @@ class Ask:
             cover,
             scenarios=tuple(codes) or None,
             left_out=len(points) - len(stopping),  # points beyond the braking envelope
+            further={name: getattr(self, name) for name in _FURTHER},
             **{name: getattr(self, name) for name in _UNCHANGED},
         )
         named = cast("tuple[str | Rule, ...] | None", self.rules) or ("paper" if self.subject is None else "road",)
@@ -259,8 +260,10 @@ def judged_at(names: Sequence[str | Rule], place: Junction) -> tuple[Rule, ...]:
     return rules
 
 
-_UNCHANGED = ("occupancy", "classes", "subject", "followers", "senses", "pedestrians", "duration", "aggression", "wait")
+_UNCHANGED = ("occupancy", "classes", "subject", "followers", "senses", "pedestrians")
 """Arguments of the mark that are passed to `Selection` unchanged."""
+_FURTHER = ("duration", "aggression", "wait")
+"""Arguments of the mark that are passed to every `Scenario` unchanged."""
 
 
 def _values_of(name: str, axis: Any) -> list[float | tuple[float, ...]] | None:
