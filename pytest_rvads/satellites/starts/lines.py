@@ -70,6 +70,8 @@ _AT_LINE = 0.01
 """Distance of a subject at rest to its stopping line [m], as in the configurations A and F of Li et al."""
 _WAITING = frozenset({Sign.STOP, Sign.YIELD, Sign.LIGHTS})
 """Signs at which a vehicle may have to wait."""
+_TIMID = frozenset({"progress"})
+"""Rules that a driver breaks by waiting."""
 _MANNERS = frozenset({"full_stop", "keep_lane", "on_lane_allowed", "on_route", "speed_limit"})
 """Rules about the subject alone."""
 Outcomes = tuple[tuple[str, Outcome], ...]
@@ -394,7 +396,7 @@ def start_of(line: Line, lead: int, setting: Setting) -> dict[str, Any]:
 
 def fault_of(rule: str) -> Fault:
     """Return the kind of failure that breaking a rule is; a rule of a user is taken to be about other vehicles."""
-    return Fault.TIMID if rule == "progress" else Fault.MANNERS if rule in _MANNERS else Fault.BOLD
+    return Fault.TIMID if rule in _TIMID else Fault.MANNERS if rule in _MANNERS else Fault.BOLD
 
 
 def rank(rule: str) -> int:
