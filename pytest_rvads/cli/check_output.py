@@ -27,8 +27,6 @@ from pytest_rvads.support.wording import plural
 
 VERSION = 1
 """Version of the object of ``--json`` and of the lines of ``--jsonl``."""
-_KPIS = "(kpis)"
-"""Member of a JSON object with the indicators of a run, beside the rules; no rule can have this name."""
 _LISTED = {Status.FAIL: "violated", Status.OPEN: "open", Status.UNSURE: "unsure"}
 """By status, the member of a JSON object that lists the instances."""
 _MOST_DOUBTS = 20
@@ -178,7 +176,7 @@ class Teller:
                 self._records.append(replace(record, nodeid=f"{label}-{record.rule}", recording=label))
         kpis = answer.kpis
         if self._options.json:
-            content = _verdicts(answer) | ({} if kpis is None else {_KPIS: kpis.record()})
+            content = _verdicts(answer) | ({} if kpis is None else {"(kpis)": kpis.record()})  # no rule can have this name
             # The object is printed piece by piece, so that memory does not hold all runs.
             print(f",\n{json.dumps(label)}: {json.dumps(content)}", end="", flush=True)
         elif self._options.jsonl:

@@ -27,8 +27,6 @@ _SHOWN = 100
 _START = "vehicles start up to {:.0f} m before the line"
 _CELL, _LABEL, _RADIUS, _LANE, _HEAD = 124, 90, 42.0, 5.0, 66
 """Sizes of the picture of classes [px]: a scenario, the room for the name of a class, an arm, half a lane, title and legend."""
-_AT = 0.05
-"""Distance between a crosswalk and a stopping line below which the crosswalk is at the line [m]."""
 _COLOURS = ("#009e73", "#0072b2", "#d55e00", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f00")
 """Okabe and Ito's palette, distinguishable by colour-blind people; a colour per direction (arms from entrance to exit).
 
@@ -217,7 +215,7 @@ def _details(junction: dict[str, Any]) -> Iterator[str]:
         words = [f"{crosswalk['length']:.1f} m long"]
         behind = crosswalk["behind_line"]
         if behind is not None:
-            where = "at" if abs(behind) < _AT else f"{abs(behind):.1f} m {'behind' if behind > 0 else 'before'}"
+            where = "at" if abs(behind) < 0.05 else f"{abs(behind):.1f} m {'behind' if behind > 0 else 'before'}"
             words.append(f"{where} the stopping line")
         if crosswalk["island"]:
             words.append(f"island of {crosswalk['island']:.1f} m")

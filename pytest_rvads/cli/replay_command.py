@@ -18,9 +18,6 @@ if TYPE_CHECKING:
     from pytest_rvads.report.record import Record
     from pytest_rvads.report.session_report import Report
 
-_NAMED = 3
-"""Largest number of failures that an error message names."""
-
 
 def declare(commands: Subparsers) -> None:
     """Add the command ``rvads replay`` to the parser."""
@@ -206,7 +203,7 @@ def _single_failure(chosen: Sequence[Record], session: _Session, what: str, rule
     request = " and ".join([f"{what!r} in the id"] * bool(what) + [f"{rule!r} as its rule"] * bool(rule))
     matching = f" with {request}" if request else ""
     if chosen:
-        names = first([record.nodeid for record in chosen], _NAMED)
+        names = first([record.nodeid for record in chosen], 3)
         raise RvadsError(
             f"{session.folder} has {plural(len(chosen), 'failure')}{matching}: name a longer part of an id, or --all: {names}"
         )

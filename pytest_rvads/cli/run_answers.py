@@ -35,8 +35,6 @@ from pytest_rvads.support.executors import Failed, gathered
 from pytest_rvads.support.installed import load
 from pytest_rvads.support.storage import slug, write_file
 
-_SIZE = 4
-"""Number of runs of a file that a process gets at a time, if there are several processes."""
 NOTABLE = (*TROUBLE, Status.ERROR)
 """The statuses of verdicts that people have to look at."""
 
@@ -111,7 +109,7 @@ class _Parts(Iterator[_Part]):
 
 def judged(files: Sequence[str], judge: Judge, processes: int = 1) -> Generator[Batch, None, None]:
     """Yield the verdicts on the runs of files in order, as soon as possible; closing the iterator ends the processes."""
-    size = _SIZE if processes > 1 else 1  # a single process answers after each run
+    size = 4 if processes > 1 else 1  # a single process answers after each run
     parts, batches = _Parts(files, size), dict[_Part, Batch]()
     awaited = deque(_Part(file, 0, size) for file in files)
     with closing(gathered(judge, parts, processes, batch=1)) as answers:

@@ -30,8 +30,6 @@ _AROUND = 3.5
 """Margin of the view [m]."""
 _APPROACH = 1.0
 """The film begins this long before a responsible vehicle comes to its line [s]."""
-_SHAPE = 0.62
-"""Least height of the view as a share of its width."""
 _SEAM = 0.2
 """Additional width of drawn lanes, so that no gap shows between lanes that meet [m]."""
 _BAR, _FONT, _LINE = 24.0, 17.0, 24.0
@@ -169,7 +167,7 @@ def framed(run: Run, scene: Scene, film: Film, responsible: Collection[str]) -> 
     (x0, y0), (x1, y1) = np.min(points, axis=0) - _AROUND, np.max(points, axis=0) + _AROUND
     wide, tall = float(x1 - x0), float(y1 - y0)
     wide = max(wide, tall / 0.85)
-    tall = max(tall, _SHAPE * wide)
+    tall = max(tall, 0.62 * wide)
     return float(x0 + x1 - wide) / 2, -float(y0 + y1 + tall) / 2, wide, tall
 
 

@@ -29,7 +29,6 @@ _GAP = 6.0
 """Distance between a panel and the edge of its tile, so that neighbours do not look linked [px]."""
 _MARGIN = 18.0
 """Drawn length of the roads around a junction [m]."""
-_SMALLEST = 20.0
 _STRIPE = 0.5
 """Width of the stripes of a crosswalk and of the gaps between them [m] (StVO, sign 293)."""
 _ARROWS = 12.0
@@ -167,7 +166,7 @@ def _panel(road_map: RoadMap, report: JunctionReport, junction: Junction | None)
     corners = np.vstack([[(arm.x, arm.y) for arm in report.arms], *(edge.points for edge in inside)])
     low, high = corners.min(axis=0), corners.max(axis=0)
     x, y = ((low + high) / 2).tolist()
-    view = _View(x, y, max(float((high - low).max()) / 2, _SMALLEST / 2) + _MARGIN)
+    view = _View(x, y, max(float((high - low).max()) / 2, 10.0) + _MARGIN)
     place, scale = view.place, view.scale
     roads = _roads(road_map, report, view.reach)
     parts = ['<rect width="100%" height="100%" fill="#f4f4ee"/>']

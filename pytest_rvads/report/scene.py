@@ -25,7 +25,6 @@ _DARKER = 0.62
 """Factor on the brightness of a colour of the palette, if the palette is used for a second round of agents."""
 
 _LIGHTS = {Colour.GREEN: "#1fa34a", Colour.YELLOW: "#e0a800", Colour.RED: "#d11f1f", Colour.NONE: "#888"}
-_PARKED = "#8a9099"
 _BAY = 2.0
 """Width of the parking place between the road and what stands beside the road [m]."""
 _CORNERS = {Kind.CAR: 0.4, Kind.TRUCK: 0.0}
@@ -159,7 +158,7 @@ def inks(agents: Sequence[Agent]) -> list[str]:
         colour = PALETTE[number % len(PALETTE)]
         if number // len(PALETTE) % 2:
             colour = "#" + "".join(f"{int(_DARKER * int(colour[k : k + 2], 16)):02x}" for k in (1, 3, 5))
-        colours.append(_PARKED if isinstance(agent.way, Parking) else colour)
+        colours.append("#8a9099" if isinstance(agent.way, Parking) else colour)
     return colours
 
 

@@ -32,10 +32,7 @@ from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.installed import load
 from pytest_rvads.support.wording import first, one_line, plural
 
-_NUMBER = re.compile(r"\d+(\.\d+)?")
 _TITLE = "rvads: sessions side by side"
-_MOST = 10
-"""Largest number of lines of a section, and of tables, that a terminal shows; further lines and tables are counted."""
 _LINE = 2000
 """Largest number of characters of a line on a terminal."""
 
@@ -166,7 +163,7 @@ def _shared_causes(reports: Sequence[Report], labels: Sequence[str]) -> tuple[Sh
     Causes with equal texts are the same cause. Among all other causes, causes whose texts differ only in numbers are the same.
     """
     rows: list[dict[int, triage.Cause]] = []
-    readings: tuple[Callable[[str], str], ...] = (str, lambda text: _NUMBER.sub("#", text))
+    readings: tuple[Callable[[str], str], ...] = (str, lambda text: re.sub(r"\d+(\.\d+)?", "#", text))
     facts: dict[tuple[int, str], tuple[str, str]] = {}
     for side, report in enumerate(reports):
         by_cause = triage.causes()
@@ -214,7 +211,7 @@ def changed(entry: Entry) -> bool:
 def text(compared: SideBySide, width: int) -> str:
     """Return a comparison as text for a terminal of `width` columns; only a longer word makes a line wider."""
     wrapped = partial(wrap, width=width, break_long_words=False, break_on_hyphens=False)
-    lines, parts = list[str](), list(sections(compared, _MOST))
+    lines, parts = list[str](), list(sections(compared, 10))  # further lines and tables are counted
     for part in parts:
         lines += wrapped(one_line(part.title, _LINE))
         for line in part.lines:

@@ -338,7 +338,13 @@ class Pilot(Follower):
         # A right turn goes at green, or at red after a waiting time. A left turn goes a waiting time after green.
         if me.turn is Turn.RIGHT:
             waited = self._stood is not None and seen.time - self._stood >= seen.wait - 1e-9
-            goes = colour is Colour.GREEN or (waited and (self._has.i4 or not prior_on_red(seen)))
+            goes = colour is Colour.GREEN or (waited and self._has.i4)
+            if waited and not goes:
+                right_of = seen.junction.right_of
+                goes = not any(
+                    in_the_way(seen, other) or ((me.entrance, other.entrance) in right_of and _comes(seen, other))
+                    for other in seen.others
+                )
         else:
             extra = min(max(seen.wait, TURN_WAIT[0]), TURN_WAIT[1]) if me.turn is Turn.LEFT else 0.0
             goes = self._green is not None and seen.time - self._green >= extra - 1e-9
@@ -379,14 +385,6 @@ def oncoming(seen: Observation) -> bool:
         in_the_way(seen, other)
         or ((me.entrance, other.entrance) in opposite and other.turn is not Turn.LEFT and _comes(seen, other))
         for other in seen.others
-    )
-
-
-def prior_on_red(seen: Observation) -> bool:
-    """Return whether a driver without deficiency I4 has to wait on a right turn on red."""
-    me, right_of = seen.me, seen.junction.right_of
-    return any(
-        in_the_way(seen, other) or ((me.entrance, other.entrance) in right_of and _comes(seen, other)) for other in seen.others
     )
 
 

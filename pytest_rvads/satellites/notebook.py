@@ -33,14 +33,8 @@ from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.support.errors import RunError, RvadsError
 from pytest_rvads.support.wording import markup, one_line
 
-_WIDE = 500
-"""Width of a picture on a page with enough room [px]."""
 _ROWS = 24
 """Largest number of rows of a table; a line below the table states the number of further rows."""
-_SHORT = 24
-"""Largest number of letters of a cell that is not broken into lines."""
-_TRAIL = 3.0
-"""Length of the trails of recorded traffic [s]."""
 _WHEN = {JunctionControl.STOP: " in a tie", JunctionControl.LIGHTS: " on the same green"}
 """Condition of giving way, per control in which signs or lights come first."""
 _ZONES = ((Zone.ENTRANCE, "arrives"), (Zone.JUNCTION, "enters"), (Zone.EXIT, "leaves"))
@@ -57,7 +51,7 @@ class Picture:
     def _repr_html_(self) -> str:
         data = b64encode(self.svg.encode()).decode()
         style = "max-width:100%;height:auto;background:#fff"
-        return f'<img width="{_WIDE}" style="{style}" alt="{markup(self.alt)}" src="data:image/svg+xml;base64,{data}">'
+        return f'<img width="500" style="{style}" alt="{markup(self.alt)}" src="data:image/svg+xml;base64,{data}">'
 
 
 def html(value: object) -> str:
@@ -205,7 +199,7 @@ def _instant(run: Run, tick: int, title: str, hit: Collection[str]) -> str:
         raise RunError(f"run {run.label!r} has no states")
     if run.excerpt is None:
         return picture(run, tick, title, hit)
-    span = slice(max(tick - round(_TRAIL / run.dt), 0), tick + 1)
+    span = slice(max(tick - round(3.0 / run.dt), 0), tick + 1)
     arrays = {name: getattr(run, name)[span] for name in (*ARRAYS, "spread") if getattr(run, name) is not None}
     excerpt = replace(run, **arrays)
     return picture(excerpt, excerpt.steps - 1, title, hit)
@@ -316,7 +310,7 @@ def _html_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
     def cell(tag: str, text: str) -> str:
         # A short text is not broken into lines, because a narrow page can be scrolled.
-        wrap = ";white-space:nowrap" if len(text) <= _SHORT else ""
+        wrap = ";white-space:nowrap" if len(text) <= 24 else ""
         return f'<{tag} style="text-align:left;vertical-align:top;padding:2px 10px 2px 0{wrap}">{markup(text)}</{tag}>'
 
     if not rows:

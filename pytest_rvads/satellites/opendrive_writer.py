@@ -193,10 +193,6 @@ def add_crosswalk(
 
 
 Array = NDArray[np.float64]
-_BESIDE = 0.8
-"""Distance from the border of a lane to its sign or light [m]."""
-_BEND = 1e-6
-"""Change of heading at a point of a centre line up to which the line is straight there [rad]."""
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 
 
@@ -280,7 +276,7 @@ class _Writer:
     def regulate(self, road: Element, id: int, lane: Entrance) -> None:
         """Add the sign or light of a lane into the junction, and its stopping line, to the road of the lane."""
         lanes = -self.along, -self.along
-        beside = math.copysign(self.width / 2 + _BESIDE, -self.along)
+        beside = math.copysign(self.width / 2 + 0.8, -self.along)  # [m] from the border of the lane
         setback = lane.setback if lane.sign_setback is None else lane.sign_setback
         posts = [] if lane.sign is Sign.NONE else [Post(id, lane.sign, lanes, setback, beside)]
         add_regulation(road, posts, self._line(id, lane, lane.setback, lanes) if lane.setback > 0.0 else [])
@@ -300,7 +296,7 @@ def _cubics(points: Array, headings: tuple[float, float] | None) -> list[tuple[d
     """Return the pieces of a smooth line through points: the place of each piece, and its cubic with a parameter from 0 to 1."""
     steps = np.diff(points, axis=0)
     turns = np.remainder(np.diff(np.arctan2(steps[:, 1], steps[:, 0])) + math.pi, math.tau) - math.pi
-    bends = np.concatenate(([True], np.abs(turns) > _BEND, [True]))
+    bends = np.concatenate(([True], np.abs(turns) > 1e-6, [True]))
     points = points[bends | np.append(bends[1:], True) | np.append(True, bends[:-1])]  # a straight part keeps its ends
     steps = np.diff(points, axis=0)
     lengths = np.hypot(*steps.T)

@@ -208,8 +208,6 @@ def _kept_sides(draft: Draft, leftward: Mapping[str, bool]) -> dict[str, bool]:
     return dict.fromkeys(leftward, True)
 
 
-_PEDESTRIAN = "1000002"
-"""Type of a light for pedestrians (OpenDRIVE, list of signals)."""
 _LIGHT_RANGE = 5.0
 """Largest distance of a light for pedestrians from the painted area of its crosswalk [m]."""
 _MOST_TESTS = 20_000
@@ -236,7 +234,7 @@ def painted(draft: Draft) -> tuple[PaintedCrosswalk, ...]:
     tests = 0
     signals = [(road, signal) for road in draft.document.roads.values() if road.shapes for signal in road.signals]
     for at, signal in signals:
-        if signal.type.replace(".", "") != _PEDESTRIAN:
+        if signal.type.replace(".", "") != "1000002":  # not a light for pedestrians (OpenDRIVE, list of signals)
             continue
         point = np.array(point_of(at, signal))
         near = np.flatnonzero(((low <= point + _LIGHT_RANGE) & (high >= point - _LIGHT_RANGE)).all(axis=1)).tolist()

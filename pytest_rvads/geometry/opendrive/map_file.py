@@ -47,7 +47,6 @@ _ID = re.compile(r"[^\x00-\x1f\x7f-\x9f]{0,1000}")
 """Pattern of ids: ids name junctions in tables, reports and files of runs."""
 _ENCODING = re.compile(rb"""<\?xml[^>]*encoding=["']([A-Za-z0-9._-]+)""")
 """The encoding that an XML declaration names."""
-_CHUNK = 2**18
 _SKIPPED = frozenset(
     {"userData", "roadMark", "elevationProfile", "lateralProfile", "surface", "railroad", "crossSectionSurface", "outlines"}
 )
@@ -117,7 +116,7 @@ def load(path: str | os.PathLike[str]) -> Element:
             raise MapError(f"map file {file} is empty, expected an OpenDRIVE file")
         builder = _Builder(f"map file {file}")
         with file.open("rb") as stream:
-            chunks = iter(lambda: stream.read(_CHUNK), b"")
+            chunks = iter(lambda: stream.read(2**18), b"")
             read_xml(chunks, "an OpenDRIVE file (.xodr)", builder.start, builder.end, builder.text)
         return builder.tree.close()
     except XmlError as error:

@@ -40,9 +40,6 @@ from pytest_rvads.support.errors import FormulaError, RvadsError, ScenarioError,
 from pytest_rvads.support.executors import DIED, ExecutorGone, Failed, Progress, gathered
 from pytest_rvads.support.installed import code, versions
 
-_MOST = 64
-"""Largest number of drivers whose names and identities are cached; most campaigns have one driver, and none has thousands."""
-
 
 @dataclass(frozen=True, slots=True)
 class Question:
@@ -376,7 +373,7 @@ class Keys:
         """Return a driver with its name and identity; both are computed at the first call for the driver."""
         identified_driver = self._drivers.get(id(driver))
         if identified_driver is None:
-            if len(self._drivers) >= _MOST:
+            if len(self._drivers) >= 64:  # most campaigns have one driver, and none has thousands
                 self._drivers.clear()
             identified_driver = IdentifiedDriver(driver, called(driver), policy_name(driver), identity(driver))
             self._drivers[id(driver)] = identified_driver

@@ -50,7 +50,6 @@ from pytest_rvads.support.wording import plural
 _LARGEST_CONFIG, _LARGEST = 2**20, 2**26
 """Largest configuration and largest file of critical starts that are read [bytes]."""
 _Positive = Annotated[int, Meta(ge=1, le=10**6)]
-_Name = Annotated[str, Meta(min_length=1, max_length=100)]
 _FAULTS = (Fault.IRRATIONAL, Fault.BOLD, Fault.TIMID, Fault.MANNERS)
 _FIGURES = ("driver", "runs", "simulated", "pairs of movements met", "untested gap", "critical starts", *_FAULTS)
 _READING = (
@@ -87,7 +86,7 @@ class MapConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 class Config(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The configuration of a league. Paths are relative to the working directory."""
 
-    drivers: Annotated[dict[_Name, DriverConfig], Meta(min_length=1)]
+    drivers: Annotated[dict[Annotated[str, Meta(min_length=1, max_length=100)], DriverConfig], Meta(min_length=1)]
     cells: _Positive
     """Number of runs of each driver, spread evenly over traffic policies, seats, junctions, classes and configurations."""
     junctions: tuple[str, ...] = ()

@@ -35,10 +35,6 @@ except ImportError:  # not a POSIX system: the file is not locked
     fcntl = None  # type: ignore[assignment]
 
 FORMAT, VERSION = "rvads-campaign", 2
-_HEAD = b'{"format"'
-"""Beginning of a line that holds a head."""
-_LONGEST = 2**26
-"""Longest line that is read [bytes]."""
 _PATIENCE = 3.0
 """Longest wait for the worker processes of a killed campaign, which close its file as soon as they notice its end [s]."""
 
@@ -60,13 +56,6 @@ class Head(msgspec.Struct, frozen=True, kw_only=True):
     """Number of results when the campaign ended; a file with fewer results is incomplete."""
     unfit: dict[str, int] = {}
     """Per junction, the number of cases that were left out because a vehicle has no room at its start."""
-
-    def with_part(self, other: Head) -> Head:
-        """Return the head for the joined results of two files; the joined campaign has ended if both campaigns have ended."""
-        ended = None if self.cases is None or other.cases is None else max(self.cases, other.cases)
-        unfit = {name: max(self.unfit.get(name, 0), other.unfit.get(name, 0)) for name in sorted({**self.unfit, **other.unfit})}
-        drivers, results = self.drivers | other.drivers, max(self.results, other.results)
-        return msgspec.structs.replace(self, drivers=drivers, cases=ended, results=results, unfit=unfit)
 
     def differs(self, other: Head) -> str:
         """Return the names of the values in which two heads differ; a driver that only one head names is no difference."""
@@ -173,9 +162,9 @@ class Results:
         head: Head | None = None
         self._file.seek(0)
         lines, place = BufferedReader(self._file, 2**20), 0
-        while line := lines.readline(_LONGEST):
+        while line := lines.readline(2**26):  # [bytes]
             try:
-                if line.startswith(_HEAD):
+                if line.startswith(b'{"format"'):
                     head, earlier_head = msgspec.json.decode(line, type=Head), head
                     if earlier_head is not None and (differs := earlier_head.differs(head)):
                         raise RvadsError(
@@ -344,8 +333,13 @@ def joined(paths: Sequence[str | os.PathLike[str]]) -> Results:
                 raise RvadsError(f"{path} holds results of another campaign than {paths[0]} ({differs}): make a report of each")
             for line in part.lines():
                 all_results.add(line)
-            head = part.head if part.complete else msgspec.structs.replace(part.head, cases=None)
-            all_results.tell(all_results.head.with_part(head))
+            # The joined campaign has ended if all campaigns have ended.
+            head, other = all_results.head, part.head
+            ended = None if head.cases is None or other.cases is None or not part.complete else max(head.cases, other.cases)
+            names = sorted({**head.unfit, **other.unfit})
+            unfit = {name: max(head.unfit.get(name, 0), other.unfit.get(name, 0)) for name in names}
+            drivers, results = head.drivers | other.drivers, max(head.results, other.results)
+            all_results.tell(msgspec.structs.replace(head, drivers=drivers, cases=ended, results=results, unfit=unfit))
     if all_results is None:
         raise RvadsError("no file of results is named: name at least one file")
     return all_results

@@ -40,16 +40,10 @@ from pytest_rvads.support.errors import MapError, RvadsError, ScenarioError
 from pytest_rvads.support.stratified import draw
 from pytest_rvads.support.wording import first, markup, plural
 
-_TOLERANCE = 0.2
-"""Largest distance of a drawn line from the centre line of its lane [m]."""
 _MARGIN = 15.0
 """Empty margin of a picture around the lanes [m]."""
-_SMALLEST = 8.0
-"""Least radius of the disc that shows how far a junction reaches [m]."""
 _WIDTHS = (0.5, 6.0)
 """Least and greatest width with which a lane is drawn [m]."""
-_LETTERS = 12
-"""Greatest length of an id on the map; some converters join ids to long ids, which would cover the map."""
 _MEANINGS: dict[Mark, str] = {
     "bad": "failed",
     "error": "no verdict (ERROR)",
@@ -96,7 +90,7 @@ def town_picture(title: str, road_map: RoadMap, sites: Iterable[MarkedJunction])
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
     for id in sorted(road_map.graph.edges):
         edge = road_map.graph.edges[id]
-        points = simplified(edge.points * (1.0, -1.0), _TOLERANCE)
+        points = simplified(edge.points * (1.0, -1.0), 0.2)  # [m] beside the centre line at most
         low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
         width = round(min(max(edge.width, _WIDTHS[0]), _WIDTHS[1]) * 2) / 2
         tenths = np.rint(points * 10.0).astype(int)  # decimetres
@@ -128,7 +122,7 @@ def _mark(site: MarkedJunction, x: float, y: float, scale: float) -> str:
     facts = filter(None, (counted(site.verdicts), "results are missing" if site.incomplete else "", site.note))
     label = markup(f"{site.name}: {'; '.join(facts) or 'nothing judged'}")
     id = site.report.id
-    short = id if len(id) <= _LETTERS else f"{id[:4]}…{id[-5:]}"
+    short = id if len(id) <= 12 else f"{id[:4]}…{id[-5:]}"  # some converters join ids to long ids, which would cover the map
     body, sign = _FORMS[site.mark]
     return (
         f'<a href="#{quote(site.name)}" class="mark {site.mark}" data-x="{x}" data-y="{y}" data-name="{markup(site.name)}" '
@@ -141,7 +135,7 @@ def spot(report: JunctionReport) -> tuple[float, float, float]:
     """Return the mean position of the arms of a junction, y to the south, and a radius that reaches all arms [m]."""
     arms = report.arms
     x, y = math.fsum(arm.x for arm in arms) / len(arms), math.fsum(arm.y for arm in arms) / len(arms)
-    radius = max(_SMALLEST, *(math.dist((x, y), (arm.x, arm.y)) for arm in arms))
+    radius = max(8.0, *(math.dist((x, y), (arm.x, arm.y)) for arm in arms))
     return round(x, 1), round(-y, 1), round(radius, 1)
 
 

@@ -40,9 +40,6 @@ from pytest_rvads.support.wording import one_line, plural
 MAX_ELEMENTS = 3_000_000
 """Most elements of a file that are read; a file of 20 MB has 400,000."""
 _ID = re.compile(r"[\w.+-]{1,60}")
-_CHUNK = 2**18
-_DATA_SET = 0.1
-"""Largest latitude and longitude of a file in the metres of a data set [degrees]."""
 _EQUATOR, _FLATTENING = 6_378_137.0, 1 / 298.257223563
 """Radius of the equator [m] and flattening of the ellipsoid of WGS 84."""
 _UTM_SCALE, _UTM_31 = 0.9996, 3.0
@@ -146,7 +143,7 @@ def parsed(
             size = os.fstat(stream.fileno()).st_size
             if size > MAX_BYTES:
                 raise MapError(f"map file {path} has {size / 2**20:.0f} MB, more than the {MAX_BYTES // 2**20} MB that are read")
-            read_xml(iter(lambda: stream.read(_CHUNK), b""), expected, start, end, **text)
+            read_xml(iter(lambda: stream.read(2**18), b""), expected, start, end, **text)
     except XmlError as error:
         raise MapError(f"map file {path}: {error}") from None
     except (OSError, ValueError, TypeError) as error:
@@ -195,7 +192,7 @@ def _located(latitude: Array, longitude: Array) -> tuple[NDArray[np.bool_], Arra
     """
     valid = (np.abs(latitude) <= 89.0) & (np.abs(longitude) <= 180.0)
     places = np.column_stack((latitude[valid], longitude[valid]))
-    if not len(places) or (np.abs(places) < _DATA_SET).all():
+    if not len(places) or (np.abs(places) < 0.1).all():  # metres of a data set
         return valid, places, None
     north, east = np.median(places, axis=0).tolist()
     return valid, places, (north, east)

@@ -195,10 +195,6 @@ def put_map(junction: Junction, folder: Path) -> str:
 
 
 _MINOR = 2
-_DATE = datetime(2000, 1, 1)
-"""Creation date in every file; it is constant so that equal runs give equal files."""
-_FASTEST = 70.0
-"""Top speed that is declared for every vehicle [m/s]."""
 _TRACK, _WHEEL = 0.85, 0.64
 """Track width as a share of the width of the body, and diameter of the wheels [m], of usual cars; only pictures depend on these
 values."""
@@ -279,7 +275,7 @@ class _Writer:
             roads,
             xosc.Catalog(),
             osc_minor_version=_MINOR,
-            creation_date=_DATE,
+            creation_date=datetime(2000, 1, 1),  # constant, so that equal runs give equal files
             header_properties=properties,
         )
 
@@ -296,7 +292,7 @@ class _Writer:
             box,
             xosc.Axle(*turned, body.wheelbase, _WHEEL / 2),
             xosc.Axle(*turned, 0.0, _WHEEL / 2),
-            _FASTEST,
+            70.0,  # top speed [m/s]
             vehicle.drive,
             max(vehicle.brake),
             mass=vehicle.mass,

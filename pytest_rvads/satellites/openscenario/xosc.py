@@ -250,7 +250,6 @@ _COLOUR_OF_STATE |= {
 }
 _MOST_CHANGES = 1_000_000
 """Largest number of phases of a signal controller that are read up to the end of the run."""
-_COLUMNS = {"time": "time", "heading": "h", "size": "Dimensions"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -293,7 +292,7 @@ def read_xosc(path: Path, columns: Mapping[str, str] | None, *, strict: bool, wa
         raise RunError(
             f"{path.name}: no vehicle follows a trajectory, expected a run: rvads.files.load_scenario reads files of scenarios"
         )
-    gather = Gather(path.name, _COLUMNS, strict=strict)
+    gather = Gather(path.name, {"time": "time", "heading": "h", "size": "Dimensions"}, strict=strict)
     for entity in file.entities:
         way = file.ways.get(entity.name)
         if way is not None and len(way):

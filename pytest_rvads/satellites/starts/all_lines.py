@@ -36,8 +36,6 @@ from pytest_rvads.support.wording import markup, plural
 
 LONGEST = 6.0
 """Greatest lead of either vehicle [s]."""
-_GRID = round(0.5 / STEP)
-"""Distance of the starts that are simulated in any case [steps of `STEP`]."""
 _HELP = (
     "A strip holds all starts of two vehicles. At a lead of +1 s, the subject would reach its line 1 s before the other vehicle "
     "if both kept their speeds; where the two have green at different times, 1 s before its light turns yellow. From rest, the "
@@ -55,8 +53,6 @@ _LEFT, _WIDE, _ROW, _LABEL, _BAR, _TOP = 34.0, 1000.0, 62.0, 26.0, 20.0, 66.0
 
 Labels stand above the strips, and have room for the larger letters of narrow screens.
 """
-_CHARACTER = 7.0
-"""Width of a character, by which a text fits into its band or is left out [px]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +144,7 @@ def _strips(setting: Setting, group: Sequence[Line]) -> tuple[Strip, ...]:
     known: list[int] | None = None
     for line in group:
         trial = Trial(setting, line, LONGEST)
-        guesses = known or range(trial.low, trial.high, _GRID)
+        guesses = known or range(trial.low, trial.high, round(0.5 / STEP))
         leads = sorted({trial.low, trial.high, *(lead for lead in guesses if trial.low <= lead <= trial.high)})
         try:
             for lead in leads:
@@ -403,7 +399,7 @@ def draw_strips(rows: Sequence[StripRow], least: float, greatest: float, axis: s
                 f'<rect class="band {band.mark}{faint}" x="{left:.1f}" y="{top:g}" width="{wide:.1f}" height="{_BAR:g}">'
                 f"<title>{markup(band.hint)}</title></rect>"
             )
-            if len(band.label) * _CHARACTER < wide:
+            if len(band.label) * 7.0 < wide:  # a character is 7 px wide
                 kind = "inside middle faint" if band.faint else "inside middle on"
                 body.append(f'<text x="{left + wide / 2:.1f}" y="{top + 14:g}" class="{kind}">{markup(band.label)}</text>')
         ticks = "".join(f"M{x(tick):.1f} {top + _BAR + 2:g}v4" for tick in row.ticks)

@@ -25,8 +25,6 @@ from pytest_rvads.support.executors import Progress, spread
 
 _FARTHER = tuple(round(seconds / STEP) for seconds in (0.1, 0.3, 1.0, 3.0))
 """Distances of the less critical starts from the critical start that are tried [steps of `STEP`]."""
-_FARTHER_AGAIN = _FARTHER[1:3]
-"""Distances of the less critical starts that are tried on a line that equals a searched line up to a rotation."""
 _WIDE = round(0.64 / STEP)
 """First step of the search for the turn of a line, away from a lead of 0 [steps of `STEP`]."""
 _AT_ALL = (Outcome.PASS, Outcome.PROVOKED, Outcome.UNAVOIDABLE, Outcome.NA)
@@ -109,7 +107,7 @@ def _search_group(setting: Setting, group: Sequence[Line]) -> list[CriticalStart
         except RunError as error:
             sides += [CriticalStart(line, order, None, (), error=str(error)) for order in Order]
             continue
-        apart, farther = 1, _FARTHER_AGAIN
+        apart, farther = 1, _FARTHER[1:3]  # the lines are equal up to a rotation
     return sides
 
 

@@ -20,8 +20,6 @@ from array import array
 from collections.abc import Callable, Collection
 from typing import Any
 
-_NOWHERE = (float("nan"),) * 4
-
 
 class Server:
     """A simulation of SUMO; `load` begins a simulation, and ends an earlier one."""
@@ -66,7 +64,7 @@ class Server:
         for name, (x, y, heading, speed) in moved.items():
             if name in self._driving:
                 vehicle.setSpeed(name, max(speed, 0.0))
-                vehicle.moveToXY(name, "", -1, x, y, angle=heading, keepRoute=_KEEP_ROUTE)
+                vehicle.moveToXY(name, "", -1, x, y, angle=heading, keepRoute=3)  # the route stays, the position is exact
         rows = array("d")
         for _ in range(count):
             self._sumo.simulationStep()
@@ -94,12 +92,8 @@ class Server:
                 x, y = vehicle.getPosition(name)
                 row += x, y, vehicle.getAngle(name), vehicle.getSpeed(name)
             else:
-                row += _NOWHERE
+                row += (float("nan"),) * 4
         return row
-
-
-_KEEP_ROUTE = 3
-"""Flag of TraCI's command "move to XY": keep the route and use exactly the given position."""
 
 
 def main() -> None:

@@ -41,10 +41,6 @@ from pytest_rvads.support.wording import one_line
 
 _LETTERS = {Colour.YELLOW: "y", Colour.RED: "r"}
 """By colour other than green, the letter for the colour in SUMO's signal programs."""
-_LENGTH_TOLERANCE = 1e-6
-"""Largest difference at which two lengths count as equal [m]."""
-_LONGEST_CALL = 60.0
-"""Longest duration of a call of netconvert [s]; a junction takes some hundredths of a second."""
 _RESULT = "net.xml"
 _NETCONVERT_OPTIONS = (
     "--offset.disable-normalization",  # keep the coordinates of the map
@@ -71,7 +67,24 @@ class Network:
 @lru_cache(maxsize=64)
 def network(junction: Junction, plan: SignalPlan) -> Network:
     """Return the network of a junction with the signal plan of its lights."""
-    files = _plain_files(junction)
+    # The input files of netconvert by option, in plain XML (page "Networks/PlainXML" of SUMO).
+    nodes, edges, connections = Element("nodes"), Element("edges"), Element("connections")
+    ends = [junction.way_in(k).points[-1] for k in range(len(junction.entrances))]
+    middle = [fsum(float(end[axis]) for end in ends) / len(ends) for axis in (0, 1)]
+    SubElement(nodes, "node", id="J", x=repr(middle[0]), y=repr(middle[1]), type=node_type(junction))
+    for number, arm in enumerate(junction.arms):
+        _add_arm(junction, number, arm, nodes, edges)
+    for entrance, exit in sorted(junction.movements):
+        (edge_in, entrance_lane), (edge_out, exit_lane) = lane_in(junction, entrance), lane_out(junction, exit)
+        way = junction.way_through(entrance, exit)
+        setback = junction.setbacks[entrance]
+        if setback < 0.0:
+            way = way.tail(way.length + setback)
+        if setback > 0.0 and (extended_way := join((junction.way_in(entrance).tail(setback), way))):
+            way = extended_way
+        attributes = {"from": edge_in, "to": edge_out, "fromLane": str(entrance_lane), "toLane": str(exit_lane)}
+        SubElement(connections, "connection", attributes, shape=_shape(way.points))
+    files = {"node-files": nodes, "edge-files": edges, "connection-files": connections}
     root = netconvert(files, left_hand=junction.left_hand)
     node = next(item for item in root.iter("junction") if item.get("id") == "J")
     entrances = {lane_in(junction, k): k for k in range(len(junction.entrances))}
@@ -117,27 +130,6 @@ def lane_out(junction: Junction, exit: int) -> tuple[str, int]:
 def lane_limit(way: Segment, end: int) -> float:
     """Return the speed limit of a lane in SUMO [m/s]: a single limit per lane, which is the limit at one end of the road."""
     return way.limits[end][1] or SPEED_LIMIT if way.limits else SPEED_LIMIT
-
-
-def _plain_files(junction: Junction) -> dict[str, Element]:
-    """Return the input files of netconvert by option, in plain XML (page "Networks/PlainXML" of SUMO)."""
-    nodes, edges, connections = Element("nodes"), Element("edges"), Element("connections")
-    ends = [junction.way_in(k).points[-1] for k in range(len(junction.entrances))]
-    middle = [fsum(float(end[axis]) for end in ends) / len(ends) for axis in (0, 1)]
-    SubElement(nodes, "node", id="J", x=repr(middle[0]), y=repr(middle[1]), type=node_type(junction))
-    for number, arm in enumerate(junction.arms):
-        _add_arm(junction, number, arm, nodes, edges)
-    for entrance, exit in sorted(junction.movements):
-        (start, entrance_lane), (end, exit_lane) = lane_in(junction, entrance), lane_out(junction, exit)
-        way = junction.way_through(entrance, exit)
-        setback = junction.setbacks[entrance]
-        if setback < 0.0:
-            way = way.tail(way.length + setback)
-        if setback > 0.0 and (extended_way := join((junction.way_in(entrance).tail(setback), way))):
-            way = extended_way
-        ways = {"from": start, "to": end, "fromLane": str(entrance_lane), "toLane": str(exit_lane), "shape": _shape(way.points)}
-        SubElement(connections, "connection", ways)
-    return {"node-files": nodes, "edge-files": edges, "connection-files": connections}
 
 
 def _to_line(junction: Junction, entrance: int) -> Segment:
@@ -196,7 +188,7 @@ def _restore(root: Element, edges: Element) -> None:
         points = [tuple(map(float, point.split(",")[:2])) for point in shape]
         length = fsum(dist(begin, end) for begin, end in pairwise(points))
         lanes[name].set("shape", " ".join(shape))
-        if abs(length - float(lanes[name].attrib["length"])) > _LENGTH_TOLERANCE:
+        if abs(length - float(lanes[name].attrib["length"])) > 1e-6:
             lanes[name].set("length", repr(length))
 
 
@@ -272,7 +264,19 @@ def netconvert(files: Mapping[str, Element], *, left_hand: bool) -> Element:
         with TemporaryDirectory(prefix="rvads-net-") as folder:
             for option, root in files.items():
                 ElementTree(root).write(Path(folder, names[option]), encoding="utf-8")
-            messages = _call([program, *options], home, folder)
+            try:
+                finished = subprocess.run(
+                    [program, *options],
+                    cwd=folder,
+                    stdin=subprocess.DEVNULL,
+                    capture_output=True,
+                    timeout=60.0,  # [s]; a junction takes some hundredths of a second
+                    check=False,
+                    env=os.environ | ({"SUMO_HOME": home} if home else {}),
+                )
+            except (OSError, subprocess.TimeoutExpired) as error:
+                raise RunError(f"SUMO's netconvert can't be run: {one_line(str(error), 300)}") from None
+            messages = finished.stderr.decode(errors="replace")
             result = Path(folder, _RESULT)
             content = result.read_bytes() if result.exists() else b""
     except OSError as error:
@@ -281,23 +285,6 @@ def netconvert(files: Mapping[str, Element], *, left_hand: bool) -> Element:
         return fromstring(content)
     except ParseError:
         raise RunError(f"SUMO's netconvert ({program}) made no network: {one_line(messages[-500:])}") from None
-
-
-def _call(command: Sequence[str], home: str | None, folder: str) -> str:
-    """Run netconvert in a folder and return its standard error."""
-    try:
-        finished = subprocess.run(
-            command,
-            cwd=folder,
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            timeout=_LONGEST_CALL,
-            check=False,
-            env=os.environ | ({"SUMO_HOME": home} if home else {}),
-        )
-    except (OSError, subprocess.TimeoutExpired) as error:
-        raise RunError(f"SUMO's netconvert can't be run: {one_line(str(error), 300)}") from None
-    return finished.stderr.decode(errors="replace")
 
 
 @lru_cache(maxsize=1)

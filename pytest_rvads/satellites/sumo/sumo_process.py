@@ -19,8 +19,6 @@ from pytest_rvads.satellites.sumo.road_network import Network
 from pytest_rvads.support.errors import RunError
 from pytest_rvads.support.wording import one_line
 
-_NO_LIMIT = 86400.0
-"""Longest real time to wait for an answer of SUMO if there is no limit for decisions [s]."""
 _OPTIONS = (
     "--step-length=0.01",
     "--no-step-log",
@@ -101,7 +99,7 @@ class SumoProcess:
         return [*_OPTIONS, f"--net-file={net.name}", f"--route-files={departures.name}", f"--seed={seed}"]
 
     def _ask(self, **request: Any) -> array[float]:
-        limit = self.limit or _NO_LIMIT
+        limit = self.limit or 86400.0  # without a limit, a day [s]
         try:
             self._child.send(json.dumps(request).encode() + b"\n", limit)
             head = json.loads(self._child.line(limit))

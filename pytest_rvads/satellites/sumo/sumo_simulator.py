@@ -37,10 +37,6 @@ from pytest_rvads.support.installed import versions
 
 SEED = 23423
 """SUMO's default seed; a run uses the sum of this seed and the seed of the scenario's senses."""
-_SEED_BOUND = 2**31
-"""Upper bound of SUMO's seeds, exclusive."""
-_ROAD = 5000.0
-"""Length of the road on which braking distances are measured [m]; a vehicle that does not stop on it counts as unable to stop."""
 _FIXED_ATTRIBUTES = ("id", "length", "width", "height")
 """Attributes of vehicle types that the case determines, so that users can't set them."""
 _LIBRARIES = ("libsumo", "eclipse-sumo")
@@ -86,9 +82,30 @@ class Sumo:
         run names. A ScenarioError is raised if SUMO can't represent the junction or the case, a RunError if SUMO failed.
         """
         _check_installation()
-        driven, seed = _columns_driven_by_sumo(case), (SEED + case.scenario.senses.seed) % _SEED_BOUND
+        scenario, agents = case.scenario, case.vehicles()
+        drivers = [case.driver if case.traffic is None or a.name == scenario.under_test else case.traffic for a in agents]
+        driven = tuple(column for column, driver in enumerate(drivers) if driver is SumoDriver)
+        if case.driver is SumoDriver and scenario.senses != Senses(seed=scenario.senses.seed):
+            raise ScenarioError(
+                f"SUMO's driver has ideal senses and no delay, got senses with {scenario.senses.label} in {scenario.name}: "
+                "choose ideal senses, or name another driver"
+            )
+        if driven and scenario.pedestrians:
+            raise ScenarioError(
+                f"SUMO's driver does not see pedestrians, and {scenario.name} has some: leave the pedestrians out, or name "
+                "another driver"
+            )
+        farthest = {agent.entrance: distance for agent, (distance, _) in zip(agents, case.starts(), strict=True)}
+        for fork in forks(scenario.place) if driven else ():
+            first, second = fork.entrances
+            if all(farthest.get(e, -math.inf) > parted for e, parted in zip(fork.entrances, fork.distances, strict=True)):
+                raise ScenarioError(
+                    f"the lanes of entrances {first} and {second} of junction {scenario.place.name!r} are one lane at the starts "
+                    f"of {scenario.name}, where SUMO's vehicles would not see each other: choose smaller distances"
+                )
         if not driven:
             return usual()(case, watch)
+        seed = (SEED + scenario.senses.seed) % 2**31  # SUMO's seeds are smaller
         make = partial(SumoWorld, case, driven, seed, self.attributes, (watch or Watch()).limits.decision)
         loop = Loop(case, self.name, make, versions(*_LIBRARIES, engines.usual().library), driven, watch=watch)
         run = loop.drive()
@@ -115,7 +132,7 @@ class Sumo:
 
     def _measured_vmax(self, distance: float, aggression: int, vehicle: Vehicle) -> float | None:
         _check_installation()
-        road, process = straight(_ROAD), acquire(USUAL.decision)
+        road, process = straight(5000.0), acquire(USUAL.decision)  # a vehicle that needs more than 5 km can't stop
         try:
 
             def safe(speed: float) -> bool:
@@ -124,32 +141,6 @@ class Sumo:
             return greatest_safe(safe, FASTEST)
         finally:
             release(process)
-
-
-def _columns_driven_by_sumo(case: Case) -> tuple[int, ...]:
-    """Return the columns (positions among the agents of a case) of the vehicles that SUMO drives."""
-    scenario, agents = case.scenario, case.vehicles()
-    drivers = [case.driver if case.traffic is None or a.name == scenario.under_test else case.traffic for a in agents]
-    driven = tuple(column for column, driver in enumerate(drivers) if driver is SumoDriver)
-    if case.driver is SumoDriver and scenario.senses != Senses(seed=scenario.senses.seed):
-        raise ScenarioError(
-            f"SUMO's driver has ideal senses and no delay, got senses with {scenario.senses.label} in {scenario.name}: choose "
-            "ideal senses, or name another driver"
-        )
-    if driven and scenario.pedestrians:
-        raise ScenarioError(
-            f"SUMO's driver does not see pedestrians, and {scenario.name} has some: leave the pedestrians out, or name another "
-            "driver"
-        )
-    farthest = {agent.entrance: distance for agent, (distance, _) in zip(agents, case.starts(), strict=True)}
-    for fork in forks(scenario.place) if driven else ():
-        first, second = fork.entrances
-        if all(farthest.get(e, -math.inf) > parted for e, parted in zip(fork.entrances, fork.distances, strict=True)):
-            raise ScenarioError(
-                f"the lanes of entrances {first} and {second} of junction {scenario.place.name!r} are one lane at the starts of "
-                f"{scenario.name}, where SUMO's vehicles would not see each other: choose smaller distances"
-            )
-    return driven
 
 
 def _check_installation() -> None:
@@ -203,7 +194,15 @@ class SumoWorld:
             row = self._sumo.load(net, departures(case, attributes), self._names, others, seed)
             self._motions = list(starts)
             self._motions = self._motions_from(row, 0)
-            self._check_departures(starts)
+            for column in self._driven:
+                x, y, _, speed = self._front(column, self._motions[column])
+                expected = self._front(column, starts[column])
+                if max(math.hypot(x - expected[0], y - expected[1]), abs(speed - expected[3])) > _EXACT:
+                    raise RunError(
+                        f"SUMO lets {self._names[column]} depart at ({x:.2f}, {y:.2f}) with {speed:.2f} m/s, expected "
+                        f"({expected[0]:.2f}, {expected[1]:.2f}) with {expected[3]:.2f} m/s: choose another start"
+                    )
+                self._motions[column] = self._motions[column]._replace(yaw_rate=0.0)
         except BaseException:
             self.close()
             raise
@@ -285,18 +284,6 @@ class SumoWorld:
         cos, sin, ahead = math.cos(motion.yaw), math.sin(motion.yaw), self._vehicles[column].gravity_offset
         heading = (90.0 - math.degrees(motion.yaw)) % 360.0
         return motion.x + ahead * cos, motion.y + ahead * sin, heading, motion.vx * cos + motion.vy * sin
-
-    def _check_departures(self, starts: Sequence[Motion]) -> None:
-        """Check that SUMO's vehicles depart with the positions and speeds of `starts`, and set their yaw rates to 0."""
-        for column in self._driven:
-            x, y, _, speed = self._front(column, self._motions[column])
-            expected = self._front(column, starts[column])
-            if max(math.hypot(x - expected[0], y - expected[1]), abs(speed - expected[3])) > _EXACT:
-                raise RunError(
-                    f"SUMO lets {self._names[column]} depart at ({x:.2f}, {y:.2f}) with {speed:.2f} m/s, expected "
-                    f"({expected[0]:.2f}, {expected[1]:.2f}) with {expected[3]:.2f} m/s: choose another start"
-                )
-            self._motions[column] = self._motions[column]._replace(yaw_rate=0.0)
 
 
 def departures(case: Case, attributes: Mapping[str, str]) -> str:

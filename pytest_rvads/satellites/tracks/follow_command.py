@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
 _MOST_SHOWN = 20
 """Largest number of messages about omitted lines; further omitted lines are only counted."""
-_POLL = 0.2
-"""Wait before a file that has not grown is read again [s]."""
 
 
 def declare(check: argparse.ArgumentParser) -> None:
@@ -179,7 +177,7 @@ def _lines(file: str) -> Iterator[bytes]:
 
             def read() -> bytes:
                 while not (line := source.readline(LINE_LIMIT + 1)):
-                    time.sleep(_POLL)
+                    time.sleep(0.2)
                 return line
 
             yield from _whole_lines(read, file)

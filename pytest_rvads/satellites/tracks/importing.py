@@ -191,9 +191,24 @@ def recordings_at(
         recordings += [recording] if recording.tracks else []
         if watch is not None:
             watch(number, len(junctions))
-    if not recordings:
-        raise RunError(_explain_empty(log, junctions, intake, left_out))
-    return recordings
+    if recordings:
+        return recordings
+    place = f"junction {junctions[0].name!r}" if len(junctions) == 1 else f"any of the {len(junctions)} junctions"
+    finding = f"no vehicle in {log.where} passes {place}"
+    if not log.vehicles:
+        raise RunError(f"{finding}: {left_out[0][1]}" if left_out else f"{finding}: the log has no vehicles")
+    points = np.vstack([vehicle.points for vehicle in log.vehicles]) + np.asarray(intake.offset)
+    centres = [Matcher(junction).centre for junction in junctions]
+    nearest = min(float(np.hypot(*(points - centre).T).min()) for centre in centres)
+    if nearest > _FARTHEST_TRACK:
+        (x, y), (far_x, far_y) = centres[0], np.median(points, axis=0)
+        apart = math.dist((x, y), (far_x, far_y))
+        raise RunError(
+            f"{finding}: the tracks are around ({far_x:.0f}, {far_y:.0f}), {apart:,.0f} m from the junction at "
+            f"({x:.0f}, {y:.0f}): --offset=X,Y (offset=) moves the tracks to the origin of the map"
+        )
+    why, count = Counter(reason for _, reason in left_out).most_common(1)[0]
+    raise RunError(f"{finding}: {count} of {len(left_out)} vehicles are left out because {why}")
 
 
 def label_of(log: Log, label: str | None = None) -> str:
@@ -364,26 +379,6 @@ def _front_distance(vehicle: Samples, intake: Intake) -> float | None:
     if vehicle.ahead is not None or not share:
         return vehicle.ahead or 0.0
     return None if size is None else share * size[0]
-
-
-def _explain_empty(log: Log, junctions: Sequence[Junction], intake: Intake, left_out: Sequence[tuple[str, str]]) -> str:
-    """Return the error message for a log of which no vehicle passes any of the junctions."""
-    place = f"junction {junctions[0].name!r}" if len(junctions) == 1 else f"any of the {len(junctions)} junctions"
-    finding = f"no vehicle in {log.where} passes {place}"
-    if not log.vehicles:
-        return f"{finding}: {left_out[0][1]}" if left_out else f"{finding}: the log has no vehicles"
-    points = np.vstack([vehicle.points for vehicle in log.vehicles]) + np.asarray(intake.offset)
-    centres = [Matcher(junction).centre for junction in junctions]
-    nearest = min(float(np.hypot(*(points - centre).T).min()) for centre in centres)
-    if nearest > _FARTHEST_TRACK:
-        (x, y), (far_x, far_y) = centres[0], np.median(points, axis=0)
-        apart = math.dist((x, y), (far_x, far_y))
-        return (
-            f"{finding}: the tracks are around ({far_x:.0f}, {far_y:.0f}), {apart:,.0f} m from the junction at "
-            f"({x:.0f}, {y:.0f}): --offset=X,Y (offset=) moves the tracks to the origin of the map"
-        )
-    why, count = Counter(reason for _, reason in left_out).most_common(1)[0]
-    return f"{finding}: {count} of {len(left_out)} vehicles are left out because {why}"
 
 
 _FARTHEST_TRACK = 30.0

@@ -42,7 +42,27 @@ def read_lights(path: Path) -> dict[str, Changes]:
     A file ending in ``.xml`` holds elements ``<tlsState>`` of SUMO, written by ``SaveTLSStates``. Link ``k`` of the traffic light
     ``C`` gets the name ``C_k``, which is the id of its signal in an OpenDRIVE file that SUMO writes.
     """
-    return _read_sumo_lights(path) if path.suffix.lower() == ".xml" else _read_csv_lights(path)
+    if path.suffix.lower() == ".xml":
+        return _read_sumo_lights(path)
+    colours: dict[str, list[tuple[float, Colour]]] = {}
+    with opened(path) as source:
+        rows = rows_of(source)
+        names = [name.strip().lower() for name in next(rows, (0, []))[1]]
+        signal = next((name for name in ("signal", "entrance") if name in names), None)
+        colour = next((name for name in ("colour", "color", "state") if name in names), None)
+        if "time" not in names or signal is None or colour is None:
+            column_list = one_line(", ".join(names), 200)
+            raise RunError(f"{source.where}: row 1 must have the columns time, signal or entrance, and colour, got {column_list}")
+        prefix = ENTRANCE if signal == "entrance" else ""
+        for number, (line, cells) in enumerate(rows):
+            if len(cells) != len(names):
+                raise RunError(f"{source.where}: row {line}: {wrong_cells(cells, names)}")
+            row = dict(zip(names, (cell.strip() for cell in cells), strict=True))
+            _add_colour(colours, row["time"], prefix + row[signal], row[colour], f"{source.where}: row {line}")
+            limit_lights(number, len(colours), source.where)
+    if not colours:
+        raise RunError(f"{path.name}: the file has only the names of columns, expected a row per change of colour")
+    return changes_of(colours)
 
 
 def changes_of(rows: Mapping[str, list[tuple[float, Colour]]]) -> dict[str, Changes]:
@@ -117,28 +137,6 @@ def with_lights(junction: Junction, recorded_lights: Mapping[str, Changes]) -> J
     lanes = enumerate(junction.entrances)
     lights = (replace(lane, sign=Sign.LIGHTS, phase=phases[k], sign_setback=None) if k in phases else lane for k, lane in lanes)
     return replace(junction, entrances=tuple(lights))
-
-
-def _read_csv_lights(path: Path) -> dict[str, Changes]:
-    colours: dict[str, list[tuple[float, Colour]]] = {}
-    with opened(path) as source:
-        rows = rows_of(source)
-        names = [name.strip().lower() for name in next(rows, (0, []))[1]]
-        signal = next((name for name in ("signal", "entrance") if name in names), None)
-        colour = next((name for name in ("colour", "color", "state") if name in names), None)
-        if "time" not in names or signal is None or colour is None:
-            column_list = one_line(", ".join(names), 200)
-            raise RunError(f"{source.where}: row 1 must have the columns time, signal or entrance, and colour, got {column_list}")
-        prefix = ENTRANCE if signal == "entrance" else ""
-        for number, (line, cells) in enumerate(rows):
-            if len(cells) != len(names):
-                raise RunError(f"{source.where}: row {line}: {wrong_cells(cells, names)}")
-            row = dict(zip(names, (cell.strip() for cell in cells), strict=True))
-            _add_colour(colours, row["time"], prefix + row[signal], row[colour], f"{source.where}: row {line}")
-            limit_lights(number, len(colours), source.where)
-    if not colours:
-        raise RunError(f"{path.name}: the file has only the names of columns, expected a row per change of colour")
-    return changes_of(colours)
 
 
 def _add_colour(colours_by_signal: dict[str, list[tuple[float, Colour]]], time: str, name: str, colour: str, where: str) -> None:

@@ -27,7 +27,6 @@ from pytest_rvads.support.errors import RunError, needs
 from pytest_rvads.support.storage import number_in, read_xml
 from pytest_rvads.support.wording import one_line
 
-_FCD_COLUMNS = {"speed": "speed", "heading": "angle", "size": "length"}
 _FCD_PERSON = 0.215, 0.478
 """Length and width of a person of SUMO's class ``pedestrian`` (SUMO, Vehicle Type Parameter Defaults) [m]."""
 
@@ -44,7 +43,7 @@ def read_fcd(path: Path, columns: Mapping[str, str] | None, *, strict: bool, wat
     if columns:
         raise RunError(f"{path.name}: floating car data of SUMO have fixed attributes, leave --columns out")
     with opened(path, watch) as source:
-        reader = _FcdReader(Gather(source.where, _FCD_COLUMNS, strict=strict))
+        reader = _FcdReader(Gather(source.where, {"speed": "speed", "heading": "angle", "size": "length"}, strict=strict))
         read_xml(source.chunks(), "floating car data of SUMO", reader.take)
         if not reader.has_root:
             raise RunError(
@@ -105,8 +104,6 @@ class _FcdReader:
 
 _CARLA_COLUMNS = {"x": "actors", "y": "actors", "heading": "actors", "speed": "actors", "time": "t", "size": "extent"}
 _CARLA_COLOURS = {"Green": Colour.GREEN, "Yellow": Colour.YELLOW, "Red": Colour.RED}
-_CARLA_RECORDER = b"CARLA_RECORDER"
-"""Magic text near the beginning of a file of CARLA's recorder."""
 _CarlaState = tuple[int, float, float, float, float, float, float, float, float, float]
 """State of an actor: id; x, y, z [m]; roll, pitch, yaw [deg]; velocity in x, y, z [m/s]."""
 
@@ -118,7 +115,7 @@ def read_carla(path: Path, columns: Mapping[str, str] | None, *, strict: bool, w
     with opened(path, watch) as source:
         reader = _CarlaReader(Gather(source.where, _CARLA_COLUMNS, strict=strict))
         for row, line in enumerate(source.lines(), start=1):
-            if row == 1 and _CARLA_RECORDER in line[:40]:
+            if row == 1 and b"CARLA_RECORDER" in line[:40]:
                 raise RunError(
                     f"{source.where} is a file of CARLA's recorder, which only CARLA can read, expected a trajectory log of "
                     "autoware-carla-scenario, with a record of JSON per line: replay the file in CARLA and log the replay so"

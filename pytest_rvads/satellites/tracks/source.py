@@ -16,8 +16,6 @@ from pytest_rvads.support.wording import one_line
 
 Watch = Callable[[int, int], None]
 """A function that is called with the number of bytes read so far and the number of all bytes."""
-_LONGEST_LINE = 2**22
-"""Greatest length of a line of a file [bytes]."""
 _MOST_UNPACKED = 2**33
 """Largest size of an unpacked file [bytes]: 20 million samples have 1 to 4 GB."""
 _MOST_RATIO, _ALWAYS_UNPACKED = 200, 2**24
@@ -25,8 +23,6 @@ _MOST_RATIO, _ALWAYS_UNPACKED = 200, 2**24
 fiftieth at best, so a larger ratio is an attack."""
 _MOST_BLANK = 100_000
 """Largest number by which empty lines of a file exceed its lines with content."""
-_CHUNK = 2**18
-"""Length of the pieces in which a file is read [bytes]."""
 
 
 class Source:
@@ -45,11 +41,11 @@ class Source:
 
     def chunks(self) -> Iterator[bytes]:
         """Yield the unpacked content of the file in pieces."""
-        while chunk := self._file.read(_CHUNK):
+        while chunk := self._file.read(2**18):
             self._count(len(chunk), report=True)
             yield chunk
 
-    def lines(self, longest: int = _LONGEST_LINE) -> Iterator[bytes]:
+    def lines(self, longest: int = 2**22) -> Iterator[bytes]:
         """Yield the unpacked lines of the file, each with its line end; a line is an error if it exceeds `longest` bytes."""
         count = blank = 0
         while line := self._file.readline(longest + 1):

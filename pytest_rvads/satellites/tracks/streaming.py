@@ -37,7 +37,6 @@ _LONGEST_PAUSE = 10.0
 """Longest time between two searches for vehicles that can be judged [s]; a search also starts whenever a vehicle has left."""
 
 _Place = Annotated[float, Meta(ge=-FARTHEST, le=FARTHEST)]
-_Time = Annotated[float, Meta(ge=-LATEST, le=LATEST)]
 
 
 class SeenVehicle(msgspec.Struct, frozen=True):
@@ -60,7 +59,7 @@ class SeenVehicle(msgspec.Struct, frozen=True):
 class State(msgspec.Struct, frozen=True):
     """A line of the stream: all vehicles and lights at one time."""
 
-    t: _Time
+    t: Annotated[float, Meta(ge=-LATEST, le=LATEST)]
     """Time on the clock of the log [s]."""
     vehicles: tuple[SeenVehicle, ...] = ()
     lights: dict[str, str] = {}

@@ -57,7 +57,7 @@ _USUAL_NAMES = {
     "class": ("class", "type", "kind", "agent_type", "category", "object_type"),
 }
 """Per field, names of columns that are tried if the user names no column, in lower case, with a unit after a colon. Of several
-columns of angles, `_body_angle` takes one; columns of the angle of the body come before columns of any angle."""
+columns of angles, `log_of` takes one; columns of the angle of the body come before columns of any angle."""
 PRESETS = {
     "ind": {
         "time": "frame:25hz",
@@ -212,7 +212,17 @@ def log_of(
     batches = iter(chunks)
     first = list(islice(batches, 1))
     angles = {field: column for field, column in columns.items() if field.partition(" ")[0] == "heading"}
-    angle = _body_angle(first[0], columns, angles, where) if first and len(angles) > 1 else "heading"
+    angle = "heading"
+    if first and len(angles) > 1:
+        fits = {}
+        for field in angles:
+            tried = Gather(where, {})
+            _add_rows(tried, *_with_angle(first[0], columns, field), {}, {})
+            fits[field] = agreement(tried.log())
+        # An angle that differs from the direction of motion is no heading, and an angle that is noise at rest is that direction.
+        standing = {field: at_rest for field, (moving, at_rest) in fits.items() if moving >= LEAST_AGREEMENT}
+        best = max(standing.values(), default=0.0)
+        angle = next((field for field, at_rest in standing.items() if at_rest >= best - _CLEARLY), "heading")
     gather = Gather(where, column_names, strict=strict)
     cases: dict[str, int] = {}
     for rows in chain(first, batches):
@@ -232,19 +242,6 @@ def _with_angle(rows: Rows, columns: Mapping[str, Column], angle: str) -> tuple[
     bad = [entry for entry in rows.bad if entry[1] == angle or entry[1].partition(" ")[0] != "heading"]
     numbers = {**rows.numbers, "heading": rows.numbers[angle]}
     return replace(rows, numbers=numbers, bad=bad), {**columns, "heading": columns[angle]}
-
-
-def _body_angle(rows: Rows, columns: Mapping[str, Column], angles: Iterable[str], where: str) -> str:
-    """Return the field with the angle of the bodies of vehicles, among several angles, by the first batch of rows."""
-    fits = {}
-    for angle in angles:
-        gather = Gather(where, {})
-        _add_rows(gather, *_with_angle(rows, columns, angle), {}, {})
-        fits[angle] = agreement(gather.log())
-    # An angle that differs from the direction of motion is no heading, and an angle that is noise at rest is that direction.
-    standing = {angle: at_rest for angle, (moving, at_rest) in fits.items() if moving >= LEAST_AGREEMENT}
-    best = max(standing.values(), default=0.0)
-    return next((angle for angle, at_rest in standing.items() if at_rest >= best - _CLEARLY), "heading")
 
 
 def _add_rows(
