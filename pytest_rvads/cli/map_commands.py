@@ -215,6 +215,7 @@ def _details(junction: dict[str, Any]) -> Iterator[str]:
         words = [f"{crosswalk['length']:.1f} m long"]
         behind = crosswalk["behind_line"]
         if behind is not None:
+            # Nearer than 0.05 m, the crosswalk is at the line.
             where = "at" if abs(behind) < 0.05 else f"{abs(behind):.1f} m {'behind' if behind > 0 else 'before'}"
             words.append(f"{where} the stopping line")
         if crosswalk["island"]:

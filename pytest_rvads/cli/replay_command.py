@@ -203,7 +203,7 @@ def _single_failure(chosen: Sequence[Record], session: _Session, what: str, rule
     request = " and ".join([f"{what!r} in the id"] * bool(what) + [f"{rule!r} as its rule"] * bool(rule))
     matching = f" with {request}" if request else ""
     if chosen:
-        names = first([record.nodeid for record in chosen], 3)
+        names = first([record.nodeid for record in chosen], 3)  # more would hide the sentence
         raise RvadsError(
             f"{session.folder} has {plural(len(chosen), 'failure')}{matching}: name a longer part of an id, or --all: {names}"
         )

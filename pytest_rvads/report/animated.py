@@ -167,7 +167,7 @@ def framed(run: Run, scene: Scene, film: Film, responsible: Collection[str]) -> 
     (x0, y0), (x1, y1) = np.min(points, axis=0) - _AROUND, np.max(points, axis=0) + _AROUND
     wide, tall = float(x1 - x0), float(y1 - y0)
     wide = max(wide, tall / 0.85)
-    tall = max(tall, 0.62 * wide)
+    tall = max(tall, 0.62 * wide)  # the least height of the view
     return float(x0 + x1 - wide) / 2, -float(y0 + y1 + tall) / 2, wide, tall
 
 

@@ -166,7 +166,7 @@ def _panel(road_map: RoadMap, report: JunctionReport, junction: Junction | None)
     corners = np.vstack([[(arm.x, arm.y) for arm in report.arms], *(edge.points for edge in inside)])
     low, high = corners.min(axis=0), corners.max(axis=0)
     x, y = ((low + high) / 2).tolist()
-    view = _View(x, y, max(float((high - low).max()) / 2, 10.0) + _MARGIN)
+    view = _View(x, y, max(float((high - low).max()) / 2, 10.0) + _MARGIN)  # a view shows 20 m at least
     place, scale = view.place, view.scale
     roads = _roads(road_map, report, view.reach)
     parts = ['<rect width="100%" height="100%" fill="#f4f4ee"/>']

@@ -296,7 +296,7 @@ def _cubics(points: Array, headings: tuple[float, float] | None) -> list[tuple[d
     """Return the pieces of a smooth line through points: the place of each piece, and its cubic with a parameter from 0 to 1."""
     steps = np.diff(points, axis=0)
     turns = np.remainder(np.diff(np.arctan2(steps[:, 1], steps[:, 0])) + math.pi, math.tau) - math.pi
-    bends = np.concatenate(([True], np.abs(turns) > 1e-6, [True]))
+    bends = np.concatenate(([True], np.abs(turns) > 1e-6, [True]))  # [rad]
     points = points[bends | np.append(bends[1:], True) | np.append(True, bends[:-1])]  # a straight part keeps its ends
     steps = np.diff(points, axis=0)
     lengths = np.hypot(*steps.T)

@@ -289,7 +289,7 @@ def evaluate(shape: Shape, along: Array) -> Line:
             along, end, shape.length, lambda p: np.hypot(bu + p * (2 * cu + 3 * du * p), bv + p * (2 * cv + 3 * dv * p))
         )
         # The stated length of a piece can differ from the arc length by centimetres; the end point is exact.
-        p[along >= shape.length - 1e-6] = end
+        p[along >= shape.length - 1e-6] = end  # a station within a micrometre of the end is the end
         turn = np.arctan2(bv + p * (2 * cv + 3 * dv * p), bu + p * (2 * cu + 3 * du * p))
         u, v = au + p * (bu + p * (cu + p * du)), av + p * (bv + p * (cv + p * dv))
     cos, sin = np.cos(shape.heading), np.sin(shape.heading)

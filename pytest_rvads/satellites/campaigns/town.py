@@ -135,6 +135,7 @@ def spot(report: JunctionReport) -> tuple[float, float, float]:
     """Return the mean position of the arms of a junction, y to the south, and a radius that reaches all arms [m]."""
     arms = report.arms
     x, y = math.fsum(arm.x for arm in arms) / len(arms), math.fsum(arm.y for arm in arms) / len(arms)
+    # The disc shows how far the junction reaches, 8 m at least.
     radius = max(8.0, *(math.dist((x, y), (arm.x, arm.y)) for arm in arms))
     return round(x, 1), round(-y, 1), round(radius, 1)
 
