@@ -61,7 +61,7 @@ def exit_status(outcomes: Collection[Outcome], *, complete: bool = True) -> int:
 
 
 class Cell(NamedTuple):
-    """What a test item tries, as coverage counts it."""
+    """The scenario, rule and traffic of a test item; coverage counts how many different cells were judged."""
 
     junction: str
     cls: int | str

@@ -27,7 +27,7 @@ from pytest_rvads.scenarios.senses import IDEAL, Senses
 from pytest_rvads.support.errors import ScenarioError
 
 CHOOSING = ("partial", *PAIRED)
-"""Covers that choose their scenarios, so that a test can't choose classes or scenarios as well.
+"""Covers that choose scenarios; a test with such a cover can't name classes or scenarios itself.
 
 The cover ``partial`` has one scenario per class of scenarios, including those with empty entrances. The cover ``pairs`` has
 enough scenarios for every pair of movements, and ``conflicts`` for every pair of conflicting movements.
@@ -71,7 +71,7 @@ class Selection:
     """Pedestrians; each is combined with every scenario in which the vehicle under test, or any vehicle without a subject, drives
     over the crosswalk. A junction with pedestrians is a walked junction, see `Junction.walked`."""
     further: Mapping[str, Any] = field(default_factory=dict)
-    """Further arguments of every `Scenario`, such as its duration."""
+    """Arguments that every `Scenario` of the selection gets, by name, such as ``duration``."""
     alternating: bool = False
     """Whether a scenario runs with only one combination of configuration, queue and senses, in turn, instead of with all."""
     left_out: int = 0

@@ -8,7 +8,7 @@ without which its parent process goes on, or if `Limits.dump` is set.
 
 The signal is SIGURG, which is ignored by default. No timer is used, so alarms stay free for drivers and plugins, and no system
 call of a run within its limits is interrupted. Only to end the process, the timer of faulthandler is used, which a process has
-once: every watch sets it anew at each of its checks.
+once: every watch sets the timer anew at each check of its run.
 
 This module imports no simulator, because every session of pytest sets limits, even a session without simulations.
 """

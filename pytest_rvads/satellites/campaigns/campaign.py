@@ -46,7 +46,7 @@ class Question:
     """What a campaign uses for every case: its rules and simulator, and the code that workers must have."""
 
     rules: tuple[str | Rule, ...]
-    """Shipped rules and rulebooks as names, other rules as `Rule`."""
+    """The names of shipped rules and rulebooks, and the values of all other rules."""
     simulator: Choice
     code: str
     """Checksum of this package's code in the process that started the campaign."""

@@ -1,4 +1,4 @@
-"""The states that live monitors read, one after the other.
+"""States of vehicles, which live monitors read one after the other.
 
 `RuleMonitor.see` reads values `Seen` and returns values `Decided`. `Stream` makes blocks of one or more states, and passes the
 carries of signals (the values that quantities per state keep for later states) from block to block.
